@@ -1,0 +1,123 @@
+//! The one error type of the library, sorted by whose fault it is.
+//!
+//! A message says what is wrong, where (file and place in it), what was expected and what to do.
+//! Nothing here prints: the command line does, once.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// `Result` with [`Error`].
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// What went wrong, by whose fault.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The operating system refused: a missing file, a full disk, no permission.
+    #[error("{}cannot {action}: {source}", prefix(.path))]
+    Io {
+        /// The file in question.
+        path: PathBuf,
+        /// What was tried, as a verb phrase: `open`, `read 512 bytes at offset 40`.
+        action: String,
+        /// The system's own words.
+        source: io::Error,
+    },
+    /// The file is damaged or is not what its name says.
+    #[error("{}{place}: expected {expected}, got {got}", prefix(.path))]
+    Format {
+        /// The file in question; empty while the bytes are not known to come from one.
+        path: PathBuf,
+        /// Where in it: a tag, a chunk, an offset.
+        place: String,
+        /// What a good file has there.
+        expected: String,
+        /// What this one has.
+        got: String,
+    },
+    /// The file is fine, this program cannot read it (or not as it was built).
+    #[error("{}{what}: {hint}", prefix(.path))]
+    Unsupported {
+        /// The file in question.
+        path: PathBuf,
+        /// The feature by name: `LERC compression`.
+        what: String,
+        /// What to do: `build with --features gdal`.
+        hint: String,
+    },
+    /// A number is larger than this program accepts.
+    #[error("{}{what} is {got}, more than the limit of {max}", prefix(.path))]
+    Limit {
+        /// The file in question; empty if there is none.
+        path: PathBuf,
+        /// The quantity by name.
+        what: String,
+        /// Its value.
+        got: u64,
+        /// The largest accepted.
+        max: u64,
+    },
+    /// The request makes no sense: options that exclude one another, a level that is not there.
+    #[error("{what}")]
+    Usage {
+        /// What is wrong with it and what to do.
+        what: String,
+    },
+    /// The user asked to stop (Ctrl-C); nothing is left behind.
+    #[error("interrupted; no output was written")]
+    Interrupted,
+}
+
+impl Error {
+    /// An [`Error::Io`].
+    pub fn io(path: impl Into<PathBuf>, action: impl Into<String>, source: io::Error) -> Self {
+        Self::Io { path: path.into(), action: action.into(), source }
+    }
+
+    /// An [`Error::Format`] without a path; [`Error::at`] adds it where it is known.
+    pub fn format(place: impl Into<String>, expected: impl ToString, got: impl ToString) -> Self {
+        Self::Format {
+            path: PathBuf::new(),
+            place: place.into(),
+            expected: expected.to_string(),
+            got: got.to_string(),
+        }
+    }
+
+    /// An [`Error::Unsupported`] without a path.
+    pub fn unsupported(what: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self::Unsupported { path: PathBuf::new(), what: what.into(), hint: hint.into() }
+    }
+
+    /// An [`Error::Limit`] without a path.
+    pub fn limit(what: impl Into<String>, got: u64, max: u64) -> Self {
+        Self::Limit { path: PathBuf::new(), what: what.into(), got, max }
+    }
+
+    /// An [`Error::Usage`].
+    pub fn usage(what: impl Into<String>) -> Self {
+        Self::Usage { what: what.into() }
+    }
+
+    /// The same error with the file it concerns, unless it names one already.
+    #[must_use]
+    pub fn at(mut self, file: &Path) -> Self {
+        match &mut self {
+            Self::Io { path, .. }
+            | Self::Format { path, .. }
+            | Self::Unsupported { path, .. }
+            | Self::Limit { path, .. } => {
+                if path.as_os_str().is_empty() {
+                    *path = file.to_owned();
+                }
+            }
+            Self::Usage { .. } | Self::Interrupted => {}
+        }
+        self
+    }
+}
+
+/// `path: `, or nothing for an empty path.
+fn prefix(path: &Path) -> String {
+    if path.as_os_str().is_empty() { String::new() } else { format!("{}: ", path.display()) }
+}

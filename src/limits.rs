@@ -1,0 +1,32 @@
+//! What this program accepts at most: numbers read from a file are held against these before they are used.
+
+/// Limits of a reader, with defaults that real data never meets and that no machine dies of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Limits {
+    /// Columns or rows of a source raster (2^30).
+    pub raster_side: u64,
+    /// Bytes of one decoded TIFF strip or tile (1 GiB).
+    pub block_bytes: u64,
+    /// Entries of a TIFF directory, or bytes of a text tag (16 Mi).
+    pub tag_entries: u64,
+    /// Bytes of the metadata section of a container, decoded (64 MiB).
+    pub metadata_bytes: u64,
+    /// Bytes of one index page, decoded (1 MiB).
+    pub page_bytes: u64,
+    /// Bytes of the statistics section, decoded (64 MiB).
+    pub statistics_bytes: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            raster_side: 1 << 30,
+            block_bytes: 1 << 30,
+            tag_entries: 16 << 20,
+            metadata_bytes: 64 << 20,
+            page_bytes: 1 << 20,
+            statistics_bytes: 64 << 20,
+        }
+    }
+}
