@@ -125,6 +125,16 @@ impl Geo {
         Some(((e * u - b * v) / determinant - 0.5, (a * v - d * u) / determinant - 0.5))
     }
 
+    /// West, south, east and north of the outer pixel edges of a `width x height` lattice.
+    pub fn bounds(&self, width: u32, height: u32) -> [f64; 4] {
+        let (w, h) = (f64::from(width) - 0.5, f64::from(height) - 0.5);
+        let corners = [(-0.5, -0.5), (w, -0.5), (-0.5, h), (w, h)].map(|(c, r)| self.world_from_sample(c, r));
+        corners.iter().fold(
+            [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY],
+            |[west, south, east, north], &(x, y)| [west.min(x), south.min(y), east.max(x), north.max(y)],
+        )
+    }
+
     /// Metres of a sample step over rows `rows` (inclusive) and columns `columns` of the lattice, rounded up.
     ///
     /// Projected and engineering: lengths of the column and row vectors. Geographic: arcs of the ellipsoid at the

@@ -1,11 +1,18 @@
 //! Relevo: digital elevation models as tile pyramids with a proven geometric error for every patch.
 
+pub mod codec;
+pub mod container;
 pub mod error;
 pub mod error_code;
 pub mod geo;
+pub mod geotiff_write;
+pub mod hillshade;
 pub mod limits;
+pub mod patch;
+pub mod pipeline;
 pub mod sample;
 pub mod source;
+pub mod surface;
 pub mod tile;
 
 pub use error::{Error, Result};

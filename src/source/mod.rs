@@ -3,9 +3,31 @@
 //! A source knows nothing of tiles. It gives samples in their own type, with a validity of their own (GDAL mask),
 //! and says which value means void; [`Window::is_void`] joins the two.
 
-use crate::error::Result;
+mod epsg;
+#[cfg(feature = "gdal")]
+pub mod gdal;
+pub mod geokeys;
+mod metadata;
+pub mod tiff;
+mod wkt;
+
+use std::ops::Range;
+use std::path::Path;
+
+use crate::error::{Error, Result};
 use crate::geo::Geo;
+use crate::limits::Limits;
 use crate::sample::SampleType;
+
+/// Opens a raster: a GeoTIFF natively, anything else (and a TIFF that needs more) through GDAL if that is built in.
+pub fn open(path: &Path, limits: &Limits) -> Result<Box<dyn Source>> {
+    match tiff::TiffSource::open(path, limits) {
+        Ok(source) => Ok(Box::new(source)),
+        #[cfg(feature = "gdal")]
+        Err(Error::Unsupported { .. }) => Ok(Box::new(gdal::GdalSource::open(path, limits)?)),
+        Err(error) => Err(error),
+    }
+}
 
 /// What a raster is, known when it is opened.
 #[derive(Clone, Debug)]
@@ -46,6 +68,70 @@ pub enum Samples {
     Float64(Vec<f64>),
 }
 
+/// Runs `$body` with the vector of any variant as `$samples`.
+macro_rules! with_samples {
+    ($window:expr, $samples:ident => $body:expr) => {
+        match $window {
+            Samples::Int8($samples) => $body,
+            Samples::Uint8($samples) => $body,
+            Samples::Int16($samples) => $body,
+            Samples::Uint16($samples) => $body,
+            Samples::Int32($samples) => $body,
+            Samples::Uint32($samples) => $body,
+            Samples::Float32($samples) => $body,
+            Samples::Float64($samples) => $body,
+        }
+    };
+}
+
+impl Samples {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        with_samples!(self, samples => samples.len())
+    }
+
+    /// True if there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Their type.
+    pub fn sample_type(&self) -> SampleType {
+        match self {
+            Self::Int8(_) => SampleType::Int8,
+            Self::Uint8(_) => SampleType::Uint8,
+            Self::Int16(_) => SampleType::Int16,
+            Self::Uint16(_) => SampleType::Uint16,
+            Self::Int32(_) => SampleType::Int32,
+            Self::Uint32(_) => SampleType::Uint32,
+            Self::Float32(_) => SampleType::Float32,
+            Self::Float64(_) => SampleType::Float64,
+        }
+    }
+
+    /// The sample at an index as a float64, which holds every type exactly; NaN beyond the end.
+    pub fn value(&self, index: usize) -> f64 {
+        with_samples!(self, samples => samples.get(index).map_or(f64::NAN, |&sample| f64::from(sample)))
+    }
+}
+
+impl Window {
+    /// True if the sample at an index is void: masked out, equal to `nodata`, NaN or infinite.
+    pub fn is_void(&self, index: usize, nodata: Option<f64>) -> bool {
+        let value = self.samples.value(index);
+        let masked = self.mask.as_ref().is_some_and(|mask| mask.get(index).is_none_or(|&valid| valid == 0));
+        masked || !value.is_finite() || nodata == Some(value)
+    }
+}
+
+/// Refuses rows that are not in the raster.
+fn check_rows(info: &SourceInfo, rows: &Range<u32>) -> Result<()> {
+    if rows.start > rows.end || rows.end > info.height {
+        return Err(Error::usage(format!("rows {rows:?} of a raster of {} rows", info.height)));
+    }
+    Ok(())
+}
+
 /// A window of a raster.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Window {
@@ -63,5 +149,5 @@ pub trait Source: Send + Sync {
     /// Samples of `rows.len()` whole rows, `info().width` each. Rows must lie inside the raster.
     ///
     /// Reading bands from north to south decodes no block of the file twice.
-    fn read_rows(&self, rows: std::ops::Range<u32>) -> Result<Window>;
+    fn read_rows(&self, rows: Range<u32>) -> Result<Window>;
 }

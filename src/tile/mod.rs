@@ -1,5 +1,10 @@
 //! Tiles of the quadtree: their ids, their order, and how their lattices nest.
 
+pub mod code;
+pub mod downsample;
+pub mod fill;
+pub mod split;
+
 /// Level, column and row of a tile; level 0 is the root, x grows east, y south.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TileId {

@@ -1,0 +1,131 @@
+//! Zstandard frames as the container uses them: one frame, content size stated, no dictionary, no checksum.
+//!
+//! Level 1 throughout: on residuals the higher levels are larger, because short matches crowd out Huffman codes.
+
+use std::cell::RefCell;
+use std::ops::RangeInclusive;
+
+use zstd::zstd_safe::{self, CCtx, CParameter, DCtx};
+
+use crate::error::{Error, Result};
+
+/// Level of all frames.
+const LEVEL: i32 = 1;
+
+thread_local! {
+    /// Contexts of this thread: setting one up costs more than a small frame.
+    static COMPRESSOR: RefCell<Option<CCtx<'static>>> = const { RefCell::new(None) };
+    static DECOMPRESSOR: RefCell<Option<DCtx<'static>>> = const { RefCell::new(None) };
+}
+
+/// Appends `content` as one frame.
+pub fn compress(content: &[u8], out: &mut Vec<u8>) -> Result<()> {
+    let start = out.len();
+    out.resize(start + zstd_safe::compress_bound(content.len()), 0);
+    let written = COMPRESSOR.with_borrow_mut(|context| {
+        let context = match context {
+            Some(context) => context,
+            None => context.insert(new_compressor()?),
+        };
+        context.compress2(&mut out[start..], content)
+    });
+    let written = written.map_err(|code| failed("compress", content.len(), code))?;
+    out.truncate(start + written);
+    Ok(())
+}
+
+/// A context that writes frames of this module's kind.
+fn new_compressor() -> Result<CCtx<'static>, usize> {
+    let mut context = CCtx::create();
+    context.set_parameter(CParameter::CompressionLevel(LEVEL))?;
+    context.set_parameter(CParameter::ContentSizeFlag(true))?;
+    context.set_parameter(CParameter::ChecksumFlag(false))?;
+    context.set_parameter(CParameter::DictIdFlag(false))?;
+    Ok(context)
+}
+
+/// Puts the content of the one frame that is all of `frame` into `out`, in place of what was there.
+///
+/// A frame that states a size outside `sizes`, or is anything else than one whole frame, is an [`Error::Format`] of
+/// `place`; nothing is allocated for it.
+pub fn decompress(frame: &[u8], sizes: RangeInclusive<usize>, place: &str, out: &mut Vec<u8>) -> Result<()> {
+    let size = match zstd_safe::get_frame_content_size(frame) {
+        Ok(Some(size)) => size,
+        Ok(None) => {
+            return Err(Error::format(place, "a zstd frame that states its size", "one that does not"));
+        }
+        Err(_) => return Err(Error::format(place, "a zstd frame", describe(frame))),
+    };
+    let size = usize::try_from(size).unwrap_or(usize::MAX);
+    if !sizes.contains(&size) {
+        let expected = format!("a zstd frame of {} to {} bytes of content", sizes.start(), sizes.end());
+        return Err(Error::format(place, expected, size));
+    }
+    match zstd_safe::find_frame_compressed_size(frame) {
+        Ok(length) if length == frame.len() => {}
+        Ok(length) => {
+            return Err(Error::format(place, format!("one zstd frame of {length} bytes"), frame.len()));
+        }
+        Err(_) => {
+            return Err(Error::format(
+                place,
+                "a whole zstd frame",
+                format!("{} bytes, cut off", frame.len()),
+            ));
+        }
+    }
+    out.clear();
+    out.resize(size, 0);
+    let decoded = DECOMPRESSOR
+        .with_borrow_mut(|context| context.get_or_insert_with(DCtx::create).decompress(&mut out[..], frame));
+    match decoded {
+        Ok(length) if length == size => Ok(()),
+        Ok(length) => Err(Error::format(place, format!("{size} bytes of content"), length)),
+        Err(code) => Err(Error::format(place, "a zstd frame", zstd_safe::get_error_name(code))),
+    }
+}
+
+/// The first bytes of what should be a frame.
+fn describe(frame: &[u8]) -> String {
+    format!("{} bytes that start {:02X?}", frame.len(), &frame[..frame.len().min(4)])
+}
+
+/// zstd refused to work: out of memory is all that is left to blame.
+fn failed(action: &str, bytes: usize, code: usize) -> Error {
+    let source = std::io::Error::other(zstd_safe::get_error_name(code));
+    Error::io("", format!("{action} {bytes} bytes"), source)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_comes_back() {
+        for content in [&[][..], &[7], &[1; 1000]] {
+            let mut frame = vec![42];
+            compress(content, &mut frame).unwrap();
+            let mut out = vec![9; 3];
+            decompress(&frame[1..], 0..=1000, "test", &mut out).unwrap();
+            assert_eq!(out, content);
+        }
+    }
+
+    #[test]
+    fn only_one_whole_frame_of_the_right_size_is_accepted() {
+        let mut frame = Vec::new();
+        compress(&(0..200).collect::<Vec<u8>>(), &mut frame).unwrap();
+        let mut out = Vec::new();
+        for end in 0..frame.len() {
+            assert!(decompress(&frame[..end], 0..=1000, "test", &mut out).is_err(), "cut at {end}");
+        }
+        assert!(decompress(&frame, 0..=199, "test", &mut out).is_err());
+        assert!(decompress(&frame, 201..=1000, "test", &mut out).is_err());
+        let twice = [&frame[..], &frame[..]].concat();
+        assert!(decompress(&twice, 0..=1000, "test", &mut out).is_err());
+        let skippable = [0x50, 0x2A, 0x4D, 0x18, 0, 0, 0, 0];
+        assert!(decompress(&skippable, 1..=1000, "test", &mut out).is_err());
+        let unsized_frame = zstd::stream::encode_all(&[1_u8; 50][..], 1).unwrap();
+        assert!(decompress(&unsized_frame, 0..=1000, "test", &mut out).is_err());
+    }
+}

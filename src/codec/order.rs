@@ -1,0 +1,125 @@
+//! The order of newborn samples: the rows of C, H and V, stage by stage (`format-spec.md`, section 7).
+
+/// Samples of a lattice that stand in one line, evenly spaced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Row {
+    /// Index of the first.
+    pub first: usize,
+    /// Distance of indices.
+    pub step: usize,
+    /// How many.
+    pub count: usize,
+}
+
+impl Row {
+    /// The row's samples of `plane`, a plane of the lattice.
+    pub fn of<T>(self, plane: &[T]) -> impl Iterator<Item = &T> {
+        plane[self.first..].iter().step_by(self.step).take(self.count)
+    }
+
+    /// The row's samples of `plane`, to be changed.
+    pub fn of_mut<T>(self, plane: &mut [T]) -> impl Iterator<Item = &mut T> {
+        plane[self.first..].iter_mut().step_by(self.step).take(self.count)
+    }
+}
+
+/// A refinement of a lattice of `m` intervals to one of `2 m`, both of them samples of a lattice of `n` intervals.
+#[derive(Clone, Copy, Debug)]
+pub struct Stage {
+    /// Intervals before.
+    pub m: usize,
+    /// Intervals of the whole lattice.
+    n: usize,
+    /// Intervals of the whole lattice between samples after the refinement.
+    half: usize,
+}
+
+impl Stage {
+    /// Samples with even column, row `b` of `m + 1`.
+    pub fn parents(self, b: usize) -> Row {
+        self.row(0, 2 * b, self.m + 1)
+    }
+
+    /// Row `b` of `m` of the centres.
+    pub fn centres(self, b: usize) -> Row {
+        self.row(1, 2 * b + 1, self.m)
+    }
+
+    /// Row `b` of `m + 1` of the samples on even rows.
+    pub fn horizontals(self, b: usize) -> Row {
+        self.row(1, 2 * b, self.m)
+    }
+
+    /// Row `b` of `m` of the samples on even columns.
+    pub fn verticals(self, b: usize) -> Row {
+        self.row(0, 2 * b + 1, self.m + 1)
+    }
+
+    /// Every second sample from column `x`, row `y` of the refined lattice on.
+    fn row(self, x: usize, y: usize, count: usize) -> Row {
+        Row { first: (y * (self.n + 1) + x) * self.half, step: 2 * self.half, count }
+    }
+
+    /// The stage's newborn samples.
+    pub fn newborn(self) -> impl Iterator<Item = Row> {
+        let centres = (0..self.m).map(move |b| self.centres(b));
+        let horizontals = (0..=self.m).map(move |b| self.horizontals(b));
+        let verticals = (0..self.m).map(move |b| self.verticals(b));
+        centres.chain(horizontals).chain(verticals)
+    }
+}
+
+/// The stages of a tile of `n` intervals (a power of two, at least 2): all for the root, the last one for others.
+pub fn stages(n: usize, root: bool) -> impl Iterator<Item = Stage> {
+    let last = n.trailing_zeros().max(1) - 1;
+    let first = if root { 0 } else { last };
+    (first..=last).map(move |t| Stage { m: 1 << t, n, half: n >> (t + 1) })
+}
+
+/// The corners of the root, coded before its stages; none for other tiles.
+pub fn corners(n: usize, root: bool) -> impl Iterator<Item = Row> {
+    [0, n * (n + 1)].into_iter().map(move |first| Row { first, step: n, count: 2 }).filter(move |_| root)
+}
+
+/// All newborn samples of a tile.
+pub fn newborn(n: usize, root: bool) -> impl Iterator<Item = Row> {
+    corners(n, root).chain(stages(n, root).flat_map(Stage::newborn))
+}
+
+/// How many newborn samples a tile has.
+pub fn newborn_count(n: usize, root: bool) -> usize {
+    if root { (n + 1) * (n + 1) } else { (n + 1) * (n + 1) - (n / 2 + 1) * (n / 2 + 1) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_newborn_sample_comes_once() {
+        for n in [2, 4, 16, 64] {
+            for root in [false, true] {
+                let mut seen = vec![0; (n + 1) * (n + 1)];
+                for row in newborn(n, root) {
+                    row.of_mut(&mut seen).for_each(|count| *count += 1);
+                }
+                assert_eq!(seen.iter().sum::<usize>(), newborn_count(n, root));
+                for (index, &count) in seen.iter().enumerate() {
+                    let even = index % (n + 1) % 2 == 0 && index / (n + 1) % 2 == 0;
+                    assert_eq!(count, usize::from(root || !even), "sample {index} of {n}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_rows_are_those_of_the_specification() {
+        let rows: Vec<_> = newborn(4, true).take(7).collect();
+        let row = |first, step, count| Row { first, step, count };
+        // Corners, then C, H, V of the 2 x 2 lattice of corners: centre (2, 2), then (2, 0), (2, 4), (0, 2), (4, 2).
+        assert_eq!(rows[..2], [row(0, 4, 2), row(20, 4, 2)]);
+        assert_eq!(rows[2..6], [row(12, 4, 1), row(2, 4, 1), row(22, 4, 1), row(10, 4, 2)]);
+        // First centre of the last stage.
+        assert_eq!(rows[6], row(6, 2, 2));
+    }
+}

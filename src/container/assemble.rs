@@ -1,0 +1,155 @@
+//! The writer's index while it grows: one row per tile, and what becomes of the rows at the end.
+//!
+//! Tiles come in any order; [`Tree::check`] then finds out whether they are a tree, [`Tree::place`] puts them in storage
+//! order, and [`Tree::pages`] cuts the index. Pages are built from the leaves up: a page names the CRC of those below it.
+
+use std::collections::HashMap;
+
+use super::directory::{self, Page, PageRef, TileEntry};
+use super::layout::{Header, MAX_LEVEL};
+use crate::codec::frame;
+use crate::error::{Error, Result};
+use crate::tile::TileId;
+
+/// Rows of one level.
+#[derive(Default)]
+struct Rows {
+    entries: Vec<TileEntry>,
+    index: HashMap<(u32, u32), usize>,
+}
+
+/// The rows of all tiles appended so far.
+#[derive(Default)]
+pub(super) struct Tree {
+    levels: Vec<Rows>,
+}
+
+/// The packed index.
+pub(super) struct PackedIndex {
+    /// The root page as stored.
+    pub root: Vec<u8>,
+    /// All other pages as stored, one after the other.
+    pub pages: Vec<u8>,
+}
+
+impl Tree {
+    /// Fails if this tile cannot come next: outside the square of its level, or there already.
+    pub fn check_new(&self, id: TileId) -> Result<()> {
+        if id.level > MAX_LEVEL || id.x >> id.level != 0 || id.y >> id.level != 0 {
+            let side = 1_u64 << id.level.min(MAX_LEVEL);
+            return Err(Error::usage(format!("tile {id} is outside the {side} x {side} tiles of its level")));
+        }
+        let Some(rows) = self.levels.get(usize::from(id.level)) else { return Ok(()) };
+        let Some(first) = rows.index.get(&(id.x, id.y)) else { return Ok(()) };
+        let (first, again) = (first + 1, rows.entries.len() + 1);
+        Err(Error::usage(format!("tile {id} came twice: number {first} and number {again} of its level")))
+    }
+
+    /// Adds a row that [`Tree::check_new`] has passed.
+    pub fn push(&mut self, entry: TileEntry) {
+        let level = usize::from(entry.id.level);
+        if self.levels.len() <= level {
+            self.levels.resize_with(level + 1, Rows::default);
+        }
+        let rows = &mut self.levels[level];
+        rows.index.insert((entry.id.x, entry.id.y), rows.entries.len());
+        rows.entries.push(entry);
+    }
+
+    /// All rows.
+    pub fn len(&self) -> u64 {
+        self.levels.iter().map(|rows| rows.entries.len() as u64).sum()
+    }
+
+    /// The rows of a level.
+    pub fn level(&self, level: u8) -> &[TileEntry] {
+        self.levels.get(usize::from(level)).map_or(&[], |rows| &rows.entries)
+    }
+
+    fn get(&self, id: TileId) -> Option<&TileEntry> {
+        let rows = self.levels.get(usize::from(id.level))?;
+        rows.entries.get(*rows.index.get(&(id.x, id.y))?)
+    }
+
+    /// Fails unless the rows are one tree within the raster: every child that a row names is there, and no other.
+    pub fn check(&self, header: &Header) -> Result<()> {
+        if self.get(TileId::ROOT).is_none() {
+            return Err(Error::usage("there is no root tile: a container holds at least one valid sample"));
+        }
+        for entry in self.levels.iter().flat_map(|rows| &rows.entries) {
+            let id = entry.id;
+            if !header.holds(id) {
+                let (width, height, leaf) = (header.width, header.height, header.levels);
+                let what =
+                    format!("tile {id} is outside the raster of {width} x {height} and leaf level {leaf}");
+                return Err(Error::usage(what));
+            }
+            if let Some(child) = entry.child_ids().find(|&child| self.get(child).is_none()) {
+                return Err(Error::usage(format!("tile {id} names its child {child}, which did not come")));
+            }
+            let Some(parent) = id.parent() else { continue };
+            if !self.get(parent).is_some_and(|parent| parent.has_child(id.quadrant())) {
+                return Err(Error::usage(format!(
+                    "tile {id} came, but its parent {parent} does not name it"
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Sorts every level into storage order and gives each tile its chunk offset in the tiles section. Returns the
+    /// offsets that the rows had before, level by level in the new order, and the length of the section.
+    pub fn place(&mut self) -> (Vec<Vec<u64>>, u64) {
+        let mut end = 0;
+        let mut sources = Vec::new();
+        for rows in &mut self.levels {
+            rows.entries.sort_by_cached_key(|entry| entry.id.hilbert());
+            let mut old = Vec::with_capacity(rows.entries.len());
+            for (place, entry) in rows.entries.iter_mut().enumerate() {
+                rows.index.insert((entry.id.x, entry.id.y), place);
+                old.push(entry.chunks.offset);
+                entry.chunks.offset = end;
+                end += entry.chunks.bytes();
+            }
+            sources.push(old);
+        }
+        (sources, end)
+    }
+
+    /// Packs the index: the pages of the deepest level first, each level in storage order, the root page apart.
+    pub fn pages(&self, leaf: u8) -> Result<PackedIndex> {
+        let mut pages = Vec::new();
+        let mut below = HashMap::new();
+        for level in (1..=leaf).rev().filter(|&level| directory::is_page_root(level, leaf)) {
+            let mut these = HashMap::new();
+            for entry in self.level(level) {
+                let packed = self.pack(entry.id, leaf, &below)?;
+                let page = PageRef {
+                    offset: pages.len() as u64,
+                    length: packed.len() as u32,
+                    crc: crc32fast::hash(&packed),
+                };
+                these.insert(entry.id, page);
+                pages.extend(packed);
+            }
+            below = these;
+        }
+        Ok(PackedIndex { root: self.pack(TileId::ROOT, leaf, &below)?, pages })
+    }
+
+    /// The page that begins with a tile, as stored; `below` holds the pages of the next page level.
+    fn pack(&self, root: TileId, leaf: u8, below: &HashMap<TileId, PageRef>) -> Result<Vec<u8>> {
+        let depth = directory::page_depth(root.level, leaf);
+        let mut ids = vec![root];
+        let mut tiles = Vec::new();
+        for _ in 0..depth {
+            let rows: Vec<_> = ids.iter().filter_map(|&id| self.get(id).copied()).collect();
+            ids = rows.iter().flat_map(TileEntry::child_ids).collect();
+            tiles.extend(rows);
+        }
+        let pages = ids.iter().filter_map(|id| below.get(id).copied()).collect();
+        let mut packed = Vec::new();
+        frame::compress(&Page::new(depth, tiles, pages).encode(), &mut packed)?;
+        Ok(packed)
+    }
+}

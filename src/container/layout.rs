@@ -1,0 +1,413 @@
+//! Header and section table (sections 3 and 4 of the specification), with what follows from them.
+//!
+//! [`Header`] holds what a file says about its terrain; [`Opening`] adds what it says about itself: its length and its
+//! sections. Decoding checks every field against its range and against the others: a header that decodes is sound.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use super::bytes::Bytes;
+use super::sections::{self, SectionEntry};
+use crate::error::{Error, Result};
+use crate::sample::{Coding, SampleType};
+use crate::tile::TileId;
+
+/// First bytes of every file.
+pub const MAGIC: [u8; 8] = *b"\x89RLV\r\n\x1a\n";
+/// The version that this program writes and reads.
+pub const VERSION: u16 = 1;
+/// Bytes of the header.
+pub const HEADER_BYTES: usize = 256;
+/// Root page and metadata lie within the first so many bytes: one request opens a file.
+pub const OPENING_BYTES: u64 = 65_536;
+/// Largest number of columns or rows.
+pub const MAX_SIDE: u32 = 1 << 30;
+/// Largest leaf level: `2^30` samples of tiles of 16.
+pub const MAX_LEVEL: u8 = 26;
+
+const HAS_TRANSFORM: u16 = 1;
+const HAS_NODATA: u16 = 2;
+const QUANTISED: u16 = 4;
+
+/// What the errors of a file mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[repr(u8)]
+pub enum Metric {
+    /// The largest one-step error of the dropped vertices; not a bound.
+    Paper = 1,
+    /// No point of the surface deviates by more.
+    #[default]
+    Bound = 2,
+}
+
+impl Metric {
+    /// The name: `paper` or `bound`.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Bound => "bound",
+        }
+    }
+}
+
+impl fmt::Display for Metric {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+impl FromStr for Metric {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        match name {
+            "paper" => Ok(Self::Paper),
+            "bound" => Ok(Self::Bound),
+            _ => Err(Error::usage(format!("there is no metric {name:?}; use bound or paper"))),
+        }
+    }
+}
+
+/// The leaf level `L`: the least with `tile * 2^L >= max(width, height) - 1`. `tile` is in intervals, at least 1.
+pub fn leaf_level(width: u32, height: u32, tile: u32) -> u8 {
+    let intervals = u64::from(width.max(height).max(1) - 1);
+    let mut level = 0;
+    while u64::from(tile.max(1)) << level < intervals {
+        level += 1;
+    }
+    level
+}
+
+/// What a file says about its terrain.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Header {
+    /// Columns of the lattice.
+    pub width: u32,
+    /// Rows of the lattice.
+    pub height: u32,
+    /// Binary logarithm of the tile size in intervals, 4..=10.
+    pub tile_log2: u8,
+    /// Binary logarithm of the patch size in intervals, 2..=6, at most `tile_log2`.
+    pub patch_log2: u8,
+    /// The leaf level `L`; [`leaf_level`] gives it.
+    pub levels: u8,
+    /// What the errors mean.
+    pub metric: Metric,
+    /// How codes become values.
+    pub coding: Coding,
+    /// Type of the source's samples: what an export writes.
+    pub source_type: SampleType,
+    /// Metres are `(band_offset + band_scale * value) * unit_metres`. Finite, not 0.
+    pub band_scale: f64,
+    /// See `band_scale`. Finite.
+    pub band_offset: f64,
+    /// Metres of the vertical unit. Finite, above 0.
+    pub unit_metres: f64,
+    /// Largest difference between a stored value and the source's, in value units; 0 if lossless.
+    pub quantisation_error: f64,
+    /// The source's void value.
+    pub nodata: Option<f64>,
+    /// GDAL geotransform of pixel corners.
+    pub transform: Option<[f64; 6]>,
+    /// Existing tiles of all levels.
+    pub tile_count: u64,
+}
+
+impl Header {
+    /// Tile size in intervals, `T`.
+    pub fn tile(&self) -> u32 {
+        1 << self.tile_log2
+    }
+
+    /// Patch size in intervals, `P`.
+    pub fn patch(&self) -> u32 {
+        1 << self.patch_log2
+    }
+
+    /// Patches along a side of a tile, `T / P`.
+    pub fn patches(&self) -> u32 {
+        1 << (self.tile_log2 - self.patch_log2)
+    }
+
+    /// Steps that a patch can be drawn at, `p + 1`.
+    pub fn steps(&self) -> u32 {
+        u32::from(self.patch_log2) + 1
+    }
+
+    /// Lattice samples from one sample of a level to the next: `2^(L - level)`; 1 below the leaf level.
+    pub fn spacing(&self, level: u8) -> u32 {
+        1 << self.levels.saturating_sub(level)
+    }
+
+    /// Metres of a value.
+    pub fn metres(&self, value: f64) -> f64 {
+        (self.band_offset + self.band_scale * value) * self.unit_metres
+    }
+
+    /// Metres of a code.
+    pub fn metres_of(&self, code: i32, low: u32) -> f64 {
+        self.metres(self.coding.value(code, low))
+    }
+
+    /// Columns and rows of a level's lattice within the raster.
+    pub fn level_size(&self, level: u8) -> (u32, u32) {
+        let spacing = self.spacing(level);
+        ((self.width - 1) / spacing + 1, (self.height - 1) / spacing + 1)
+    }
+
+    /// Samples of the first column and row of a tile; they may lie outside the raster.
+    pub fn origin(&self, id: TileId) -> (u64, u64) {
+        let side = u64::from(self.tile()) * u64::from(self.spacing(id.level));
+        (u64::from(id.x) * side, u64::from(id.y) * side)
+    }
+
+    /// True if a tile of this id can exist: it has a level, lies in the root square and touches the raster.
+    pub fn holds(&self, id: TileId) -> bool {
+        if id.level > self.levels || id.x >> id.level != 0 || id.y >> id.level != 0 {
+            return false;
+        }
+        let (column, row) = self.origin(id);
+        column < u64::from(self.width) && row < u64::from(self.height)
+    }
+
+    /// Bytes that a stored chunk may have at most: what the worst terrain needs, and some.
+    pub fn max_chunk_bytes(&self) -> u64 {
+        16 * (u64::from(self.tile()) + 1).pow(2) + 65_536
+    }
+
+    /// Fails unless every field is within its range and fits the others.
+    pub fn check(&self) -> Result<()> {
+        let side = |name: &str, got: u32| {
+            if got == 0 {
+                return Err(Error::format(format!("header, {name}"), "at least 1", got));
+            }
+            if got > MAX_SIDE {
+                return Err(Error::limit(format!("{name} of the lattice"), got.into(), MAX_SIDE.into()));
+            }
+            Ok(())
+        };
+        side("width", self.width)?;
+        side("height", self.height)?;
+        demand((4..=10).contains(&self.tile_log2), "log2 of the tile size", "4 to 10", self.tile_log2)?;
+        let finest = self.tile_log2.min(6);
+        let range = format!("2 to {finest}");
+        demand((2..=finest).contains(&self.patch_log2), "log2 of the patch size", &range, self.patch_log2)?;
+        let level = leaf_level(self.width, self.height, self.tile());
+        demand(self.levels == level, "leaf level", &level.to_string(), self.levels)?;
+        if let Coding::Integer { scale, offset } = self.coding {
+            demand(scale.is_finite() && scale != 0.0, "scale", "a finite number, not 0", scale)?;
+            demand(offset.is_finite(), "offset", "a finite number", offset)?;
+        }
+        let scale = self.band_scale;
+        demand(scale.is_finite() && scale != 0.0, "band scale", "a finite number, not 0", scale)?;
+        demand(self.band_offset.is_finite(), "band offset", "a finite number", self.band_offset)?;
+        let unit = self.unit_metres;
+        demand(unit.is_finite() && unit > 0.0, "unit metres", "a finite number above 0", unit)?;
+        let error = self.quantisation_error;
+        demand(
+            error.is_finite() && error >= 0.0,
+            "quantisation error",
+            "a finite number, at least 0",
+            error,
+        )?;
+        let finite = self.transform.is_none_or(|transform| transform.iter().all(|term| term.is_finite()));
+        demand(finite, "geotransform", "finite numbers", "others")?;
+        demand(self.tile_count > 0, "tile count", "at least 1", self.tile_count)
+    }
+
+    fn flags(&self) -> u16 {
+        let flag = |is: bool, bit| if is { bit } else { 0 };
+        flag(self.transform.is_some(), HAS_TRANSFORM)
+            | flag(self.nodata.is_some(), HAS_NODATA)
+            | flag(self.quantisation_error > 0.0, QUANTISED)
+    }
+
+    /// Fields from offset 32 to 160.
+    fn encode(&self, out: &mut Vec<u8>) {
+        let (kind, scale, offset) = match self.coding {
+            Coding::Integer { scale, offset } => (1, scale, offset),
+            Coding::Float32 => (2, 1.0, 0.0),
+            Coding::Float64 => (3, 1.0, 0.0),
+        };
+        out.extend(self.width.to_le_bytes());
+        out.extend(self.height.to_le_bytes());
+        out.extend([self.tile_log2, self.patch_log2, self.levels, self.metric as u8]);
+        out.extend([kind, self.source_type as u8]);
+        out.extend(self.flags().to_le_bytes());
+        let unit = [self.band_scale, self.band_offset, self.unit_metres, self.quantisation_error];
+        let numbers = [scale, offset].into_iter().chain(unit).chain([self.nodata.unwrap_or(0.0)]);
+        for number in numbers.chain(self.transform.unwrap_or([0.0; 6])) {
+            out.extend(number.to_le_bytes());
+        }
+        out.extend(self.tile_count.to_le_bytes());
+    }
+
+    fn decode(bytes: &mut Bytes) -> Result<Self> {
+        let (width, height) = (bytes.u32()?, bytes.u32()?);
+        let (tile_log2, patch_log2, levels) = (bytes.u8()?, bytes.u8()?, bytes.u8()?);
+        let metric = match bytes.u8()? {
+            1 => Metric::Paper,
+            2 => Metric::Bound,
+            other => return Err(newer(format!("metric {other}"))),
+        };
+        let kind = bytes.u8()?;
+        let number = bytes.u8()?;
+        let source_type =
+            SampleType::from_number(number).ok_or_else(|| newer(format!("source type {number}")))?;
+        let flags = bytes.u16()?;
+        demand(flags & !(HAS_TRANSFORM | HAS_NODATA | QUANTISED) == 0, "flags", "bits 0 to 2", flags)?;
+        let (scale, offset) = (bytes.f64()?, bytes.f64()?);
+        let (band_scale, band_offset) = (bytes.f64()?, bytes.f64()?);
+        let (unit_metres, quantisation_error) = (bytes.f64()?, bytes.f64()?);
+        let nodata = bytes.f64()?;
+        let mut transform = [0.0; 6];
+        for term in &mut transform {
+            *term = bytes.f64()?;
+        }
+        let tile_count = bytes.u64()?;
+        let coding = match kind {
+            1 => Coding::Integer { scale, offset },
+            2 => Coding::Float32,
+            3 => Coding::Float64,
+            other => return Err(newer(format!("sample kind {other}"))),
+        };
+        let plain = kind == 1 || (scale == 1.0 && offset == 0.0);
+        demand(plain, "scale and offset of float samples", "1 and 0", format!("{scale} and {offset}"))?;
+        let given = flags & HAS_NODATA != 0;
+        demand(given || nodata == 0.0, "nodata", "0, for none is given", nodata)?;
+        let nodata = given.then_some(nodata);
+        let given = flags & HAS_TRANSFORM != 0;
+        demand(given || transform == [0.0; 6], "geotransform", "zeros, for none is given", "others")?;
+        let transform = given.then_some(transform);
+        let quantised = flags & QUANTISED != 0;
+        let name = "quantisation error";
+        demand(
+            quantised == (quantisation_error > 0.0),
+            name,
+            "above 0 if flagged, else 0",
+            quantisation_error,
+        )?;
+        #[rustfmt::skip]
+        let header = Self {
+            width, height, tile_log2, patch_log2, levels, metric, coding, source_type, band_scale, band_offset,
+            unit_metres, quantisation_error, nodata, transform, tile_count,
+        };
+        header.check()?;
+        Ok(header)
+    }
+}
+
+/// Header and section table: the fixed start of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Opening {
+    /// What the file says about its terrain.
+    pub header: Header,
+    /// Its sections in the order of the table.
+    pub sections: Vec<SectionEntry>,
+    /// Its length in bytes.
+    pub file_length: u64,
+}
+
+impl Opening {
+    /// Bytes of header and section table for so many sections.
+    pub fn bytes(sections: usize) -> u64 {
+        (HEADER_BYTES + sections * SectionEntry::BYTES) as u64
+    }
+
+    /// The first bytes of the file.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut out = Vec::from(MAGIC);
+        out.extend(VERSION.to_le_bytes());
+        out.extend((HEADER_BYTES as u16).to_le_bytes());
+        out.extend([0; 8]);
+        out.extend((self.sections.len() as u32).to_le_bytes());
+        out.extend(self.file_length.to_le_bytes());
+        self.header.encode(&mut out);
+        out.resize(HEADER_BYTES - 4, 0);
+        let mut table = Vec::new();
+        for section in &self.sections {
+            section.encode(&mut table);
+        }
+        let mut crc = crc32fast::Hasher::new();
+        crc.update(&out);
+        crc.update(&table);
+        out.extend(crc.finalize().to_le_bytes());
+        out.extend(table);
+        out
+    }
+
+    /// Decodes the start of a file: its first [`OPENING_BYTES`], or all of it if it is shorter. `file_length` is the
+    /// length that it really has.
+    pub fn decode(start: &[u8], file_length: u64) -> Result<Self> {
+        let truncated =
+            |expected: String| Error::format("file", expected, format!("{file_length}: truncated"));
+        let magic = &start[..start.len().min(MAGIC.len())];
+        if !MAGIC.starts_with(magic) {
+            return Err(Error::format("first bytes", "those of an .rlv file", format!("{magic:02X?}")));
+        }
+        let Some((head, rest)) = start.split_at_checked(HEADER_BYTES) else {
+            return Err(truncated(format!("at least {HEADER_BYTES} bytes")));
+        };
+        let mut bytes = Bytes::new(head, "header");
+        bytes.take(MAGIC.len())?;
+        let version = bytes.u16()?;
+        if version != VERSION {
+            return Err(newer(format!("container version {version} (this one reads {VERSION})")));
+        }
+        let length = bytes.u16()?;
+        demand(usize::from(length) == HEADER_BYTES, "header length", &HEADER_BYTES.to_string(), length)?;
+        let required = bytes.u32()?;
+        bytes.u32()?;
+        let count = bytes.u32()?;
+        demand((1..=sections::MAX_SECTIONS).contains(&count), "section count", "1 to 64", count)?;
+        let stated = bytes.u64()?;
+        let table_bytes = count as usize * SectionEntry::BYTES;
+        let table = rest.get(..table_bytes).ok_or_else(|| truncated(format!("{stated} bytes")))?;
+        check_crc(head, table)?;
+        if file_length < stated {
+            return Err(truncated(format!("{stated} bytes")));
+        }
+        let excess = file_length - stated;
+        demand(
+            excess == 0,
+            "file length",
+            &stated.to_string(),
+            format!("{file_length}: {excess} trailing bytes"),
+        )?;
+        if required != 0 {
+            return Err(newer(format!("required feature bit {}", required.trailing_zeros())));
+        }
+        let header = Header::decode(&mut bytes)?;
+        let reserved = bytes.take(HEADER_BYTES - 4 - 160)?;
+        demand(reserved.iter().all(|&byte| byte == 0), "reserved bytes", "zeros", "others")?;
+        let mut bytes = Bytes::new(table, "section table");
+        let sections = (0..count).map(|_| SectionEntry::decode(&mut bytes)).collect::<Result<Vec<_>>>()?;
+        sections::check(&sections, file_length)?;
+        Ok(Self { header, sections, file_length })
+    }
+}
+
+fn check_crc(head: &[u8], table: &[u8]) -> Result<()> {
+    let (covered, stored) = head.split_at(HEADER_BYTES - 4);
+    let stored = Bytes::new(stored, "header").u32()?;
+    let mut crc = crc32fast::Hasher::new();
+    crc.update(covered);
+    crc.update(table);
+    let got = crc.finalize();
+    if got == stored {
+        return Ok(());
+    }
+    Err(Error::format("header and section table", format!("CRC {stored:08X}"), format!("{got:08X}")))
+}
+
+fn demand(is: bool, field: &str, expected: &str, got: impl ToString) -> Result<()> {
+    if is { Ok(()) } else { Err(Error::format(format!("header, {field}"), expected, got)) }
+}
+
+/// A refusal of what a later program has written.
+pub(super) fn newer(what: String) -> Error {
+    Error::unsupported(what, "written by a newer relevo; use one that knows it")
+}

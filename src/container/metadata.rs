@@ -1,0 +1,216 @@
+//! The JSON of a container: metadata (section 5 of the specification) and statistics (section 11).
+//!
+//! A reader ignores members that it does not know. An infinite number is `null` in JSON.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::error::{Error, Result};
+use crate::geo::Crs;
+
+/// What a file says for people and for an export; no tile needs it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Metadata {
+    /// Program and version that wrote the file.
+    pub tool: String,
+    /// Coordinate system.
+    pub crs: Crs,
+    /// True if the source said PixelIsPoint; only an export cares.
+    pub pixel_is_point: bool,
+    /// West, south, east and north outer pixel edge, if the file is georeferenced.
+    pub bounds: Option<[f64; 4]>,
+    /// Name of the vertical unit; empty if unknown.
+    pub vertical_unit: String,
+    /// The rasters that the file was made of.
+    pub sources: Vec<SourceNote>,
+    /// What the build was asked for: an object.
+    pub options: Value,
+    /// The levels, root first.
+    pub levels: Vec<LevelNote>,
+}
+
+/// One raster that a file was made of.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct SourceNote {
+    /// File name without folders.
+    pub name: String,
+    /// One line for people.
+    pub description: String,
+}
+
+/// One level in short.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct LevelNote {
+    /// Existing tiles.
+    pub tiles: u64,
+    /// Bytes of their chunks.
+    pub bytes: u64,
+    /// Largest vertical error of a tile at step 0, metres.
+    #[serde(with = "infinite")]
+    pub max_vertical_m: f64,
+    /// Largest horizontal error of a tile at step 0, metres.
+    #[serde(with = "infinite")]
+    pub max_horizontal_m: f64,
+}
+
+/// How wrong a file is, by level and step.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Statistics {
+    /// The levels, root first.
+    pub levels: Vec<LevelStatistics>,
+}
+
+/// Statistics of one level.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LevelStatistics {
+    /// The level.
+    pub level: u8,
+    /// Existing tiles.
+    pub tiles: u64,
+    /// Their drawable patches.
+    pub patches: u64,
+    /// Columns of the level's lattice within the raster.
+    pub columns: u64,
+    /// Rows of it.
+    pub rows: u64,
+    /// Valid samples of it.
+    pub valid: u64,
+    /// Lowest height in metres; `None` if the level has no valid sample.
+    pub min_m: Option<f64>,
+    /// Greatest height in metres.
+    pub max_m: Option<f64>,
+    /// Bytes of all heights chunks.
+    pub heights_bytes: u64,
+    /// Bytes of all masks.
+    pub masks_bytes: u64,
+    /// Bytes of all error tables.
+    pub errors_bytes: u64,
+    /// The steps, finest first.
+    pub steps: Vec<StepStatistics>,
+}
+
+/// Statistics of one step of a level.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StepStatistics {
+    /// Metres from sample to sample at this step, east and south, the largest of the level.
+    pub spacing_m: [f64; 2],
+    /// Vertical errors of the patches.
+    pub vertical: ErrorStatistics,
+    /// Horizontal errors of the patches.
+    pub horizontal: ErrorStatistics,
+}
+
+/// Distribution of errors, in metres.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ErrorStatistics {
+    /// Patches below which there is a valid sample.
+    pub count: u64,
+    /// Least.
+    #[serde(with = "infinite")]
+    pub min: f64,
+    /// Mean.
+    #[serde(with = "infinite")]
+    pub mean: f64,
+    /// Largest.
+    #[serde(with = "infinite")]
+    pub max: f64,
+    /// Median (nearest rank).
+    #[serde(with = "infinite")]
+    pub p50: f64,
+    /// 90th percentile.
+    #[serde(with = "infinite")]
+    pub p90: f64,
+    /// 99th percentile.
+    #[serde(with = "infinite")]
+    pub p99: f64,
+    /// `(b, count)`: patches whose error code `c` has `c >> 6 = b`; only those with a count.
+    pub histogram: Vec<(u16, u64)>,
+}
+
+impl Metadata {
+    /// The section's bytes.
+    pub fn encode(&self) -> Result<Vec<u8>> {
+        encode(self, "metadata")
+    }
+
+    /// Metadata of a section's bytes.
+    pub fn decode(bytes: &[u8]) -> Result<Self> {
+        decode(bytes, "metadata")
+    }
+}
+
+impl Statistics {
+    /// The section's JSON, before it is packed.
+    pub fn encode(&self) -> Result<Vec<u8>> {
+        encode(self, "statistics")
+    }
+
+    /// Statistics of the unpacked JSON.
+    pub fn decode(bytes: &[u8]) -> Result<Self> {
+        decode(bytes, "statistics")
+    }
+}
+
+fn encode(value: &impl Serialize, what: &str) -> Result<Vec<u8>> {
+    serde_json::to_vec(value).map_err(|error| Error::format(what, "what JSON can say", error))
+}
+
+fn decode<'a, T: Deserialize<'a>>(bytes: &'a [u8], what: &str) -> Result<T> {
+    serde_json::from_slice(bytes)
+        .map_err(|error| Error::format(what, "JSON as the specification says", error))
+}
+
+/// Infinity, which JSON lacks, as `null`.
+mod infinite {
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's signature")]
+    pub fn serialize<S: Serializer>(number: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+        if number.is_finite() { serializer.serialize_f64(*number) } else { serializer.serialize_none() }
+    }
+
+    pub fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<f64, D::Error> {
+        Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn metadata_round_trips_and_ignores_what_it_does_not_know() {
+        let mut metadata =
+            Metadata { tool: "relevo 0".into(), bounds: Some([0.5, -1.0, 2.0, 3.0]), ..<_>::default() };
+        metadata.levels.push(LevelNote {
+            tiles: 1,
+            bytes: 2,
+            max_vertical_m: f64::INFINITY,
+            max_horizontal_m: 0.1,
+        });
+        metadata.options = serde_json::json!({"tile": 256});
+        let bytes = metadata.encode().unwrap();
+        assert_eq!(Metadata::decode(&bytes).unwrap(), metadata);
+        let text = String::from_utf8(bytes).unwrap().replacen('{', "{\"later\":[1,{}],", 1);
+        assert_eq!(Metadata::decode(text.as_bytes()).unwrap(), metadata);
+        assert_eq!(Metadata::decode(b"{}").unwrap(), Metadata::default());
+        assert!(Metadata::decode(b"[").is_err());
+    }
+
+    #[test]
+    fn statistics_round_trip() {
+        let errors = ErrorStatistics {
+            count: 3,
+            max: f64::INFINITY,
+            histogram: vec![(4, 2), (1020, 1)],
+            ..<_>::default()
+        };
+        let step = StepStatistics { spacing_m: [0.1, 30.0], vertical: errors, ..<_>::default() };
+        let level = LevelStatistics { level: 2, min_m: Some(-3.25), steps: vec![step], ..<_>::default() };
+        let statistics = Statistics { levels: vec![level] };
+        assert_eq!(Statistics::decode(&statistics.encode().unwrap()).unwrap(), statistics);
+    }
+}

@@ -1,0 +1,147 @@
+//! The section table (section 4 of the specification): what parts a file has and where.
+//!
+//! Sections follow one another without gaps from the end of the table to the end of the file, in any order.
+
+use super::bytes::Bytes;
+use super::layout::{OPENING_BYTES, Opening, newer};
+use crate::error::{Error, Result};
+
+/// Most sections of a file.
+pub const MAX_SECTIONS: u32 = 64;
+
+/// Kind of the metadata section.
+pub const METADATA: u32 = 1;
+/// Kind of the root index page.
+pub const ROOT_PAGE: u32 = 2;
+/// Kind of the statistics section.
+pub const STATISTICS: u32 = 3;
+/// Kind of the section of all other index pages.
+pub const PAGES: u32 = 4;
+/// Kind of the section of chunks.
+pub const TILES: u32 = 5;
+
+/// A reader that does not know the kind must refuse the file.
+pub const REQUIRED: u32 = 1;
+/// The CRC field covers the section.
+pub const COVERED: u32 = 2;
+
+/// Name, flags and presence (must it be there) of the sections that version 1 knows.
+const KNOWN: [(u32, &str, u32, bool); 5] = [
+    (METADATA, "metadata", COVERED, true),
+    (ROOT_PAGE, "root page", REQUIRED | COVERED, true),
+    (STATISTICS, "statistics", COVERED, false),
+    (PAGES, "pages", REQUIRED, true),
+    (TILES, "tiles", REQUIRED, true),
+];
+
+/// One section.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SectionEntry {
+    /// What it is: [`METADATA`] and so on, or a kind that this program does not know.
+    pub kind: u32,
+    /// [`REQUIRED`], [`COVERED`].
+    pub flags: u32,
+    /// Bytes from the start of the file.
+    pub offset: u64,
+    /// Bytes.
+    pub length: u64,
+    /// CRC of the section if it is [`COVERED`], else 0.
+    pub crc: u32,
+}
+
+impl SectionEntry {
+    /// Bytes of an entry in the table.
+    pub const BYTES: usize = 32;
+
+    /// Entry of a section that this program writes.
+    pub fn of(kind: u32, offset: u64, length: u64, crc: u32) -> Self {
+        let flags = KNOWN.iter().find(|known| known.0 == kind).map_or(0, |known| known.2);
+        Self { kind, flags, offset, length, crc }
+    }
+
+    /// First byte behind the section. Does not overflow once [`check`] has passed.
+    pub fn end(&self) -> u64 {
+        self.offset.saturating_add(self.length)
+    }
+
+    /// What people call it.
+    pub fn name(&self) -> String {
+        let known = KNOWN.iter().find(|known| known.0 == self.kind);
+        known.map_or_else(|| format!("kind {}", self.kind), |known| known.1.to_owned())
+    }
+
+    pub(super) fn encode(&self, out: &mut Vec<u8>) {
+        out.extend(self.kind.to_le_bytes());
+        out.extend(self.flags.to_le_bytes());
+        out.extend(self.offset.to_le_bytes());
+        out.extend(self.length.to_le_bytes());
+        out.extend(self.crc.to_le_bytes());
+        out.extend([0; 4]);
+    }
+
+    pub(super) fn decode(bytes: &mut Bytes) -> Result<Self> {
+        let (kind, flags) = (bytes.u32()?, bytes.u32()?);
+        let (offset, length) = (bytes.u64()?, bytes.u64()?);
+        let (crc, reserved) = (bytes.u32()?, bytes.u32()?);
+        let section = Self { kind, flags, offset, length, crc };
+        section.check_fields(reserved)?;
+        Ok(section)
+    }
+
+    fn check_fields(&self, reserved: u32) -> Result<()> {
+        let place = format!("section table, {}", self.name());
+        if self.flags & !(REQUIRED | COVERED) != 0 {
+            return Err(Error::format(place, "flags 0 to 3", self.flags));
+        }
+        if reserved != 0 {
+            return Err(Error::format(place, "reserved field 0", reserved));
+        }
+        if self.flags & COVERED == 0 && self.crc != 0 {
+            return Err(Error::format(place, "CRC field 0, for it is not used", format!("{:08X}", self.crc)));
+        }
+        match KNOWN.iter().find(|known| known.0 == self.kind) {
+            Some(known) if known.2 != self.flags => {
+                Err(Error::format(place, format!("flags {}", known.2), self.flags))
+            }
+            None if self.flags & REQUIRED != 0 => {
+                Err(newer(format!("required section of kind {}", self.kind)))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Fails unless the sections fill the file, the known ones are there as often as they must, and what opens a file
+/// lies at its start.
+pub(super) fn check(sections: &[SectionEntry], file_length: u64) -> Result<()> {
+    for (kind, name, _, must) in KNOWN {
+        let count = sections.iter().filter(|section| section.kind == kind).count();
+        if count > 1 || (must && count == 0) {
+            return Err(Error::format("section table", format!("one section {name}"), count));
+        }
+    }
+    let mut sorted: Vec<_> = sections.iter().collect();
+    sorted.sort_by_key(|section| (section.offset, section.length));
+    let mut end = Opening::bytes(sections.len());
+    for section in sorted {
+        let place = || format!("section table, {}", section.name());
+        if section.offset != end {
+            return Err(Error::format(place(), format!("offset {end}"), section.offset));
+        }
+        end = end.checked_add(section.length).filter(|&end| end <= file_length).ok_or_else(|| {
+            let most = format!("at most {} bytes, to the end of the file", file_length - end);
+            Error::format(place(), most, section.length)
+        })?;
+        if matches!(section.kind, METADATA | ROOT_PAGE) && end > OPENING_BYTES {
+            return Err(Error::format(
+                place(),
+                format!("its end within the first {OPENING_BYTES} bytes"),
+                end,
+            ));
+        }
+    }
+    if end == file_length {
+        return Ok(());
+    }
+    Err(Error::format("section table", format!("sections up to the end of the file, {file_length}"), end))
+}

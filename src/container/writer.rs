@@ -1,0 +1,347 @@
+//! Writes a container: chunks go to one file per level as they come, and at the end into their places.
+//!
+//! Memory is one row per tile, whatever the area. The output appears by one rename when it is whole and synced; until
+//! then all lies in a work folder beside it, which goes when the writer goes. The same tiles give the same bytes in
+//! whatever order they came. The writer knows no samples: what a chunk means is the codec's affair.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use super::assemble::Tree;
+use super::directory::{ChunkKind, ChunkPlace, TileEntry};
+use super::file::read_exact_at;
+use super::layout::{Header, OPENING_BYTES, Opening};
+use super::metadata::{Metadata, Statistics};
+use super::sections::{self, SectionEntry};
+use super::work::WorkFolder;
+use crate::codec::frame;
+use crate::error::{Error, Result};
+use crate::tile::TileId;
+
+const BUFFER: usize = 1 << 20;
+const SECTIONS: usize = 5;
+
+/// What the index says of a tile.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TileRecord {
+    /// Which tile.
+    pub id: TileId,
+    /// Bit `q` is set if child `q` exists.
+    pub children: u8,
+    /// True if the tile's own lattice has a valid sample.
+    pub has_valid: bool,
+    /// True if it has a void one.
+    pub has_void: bool,
+    /// Error code: the largest vertical error of its patches at step 0.
+    pub vertical: u16,
+    /// Error code: the largest horizontal error likewise.
+    pub horizontal: u16,
+    /// Lowest height in metres of what is below, rounded down.
+    pub min_m: f32,
+    /// Greatest height in metres, rounded up.
+    pub max_m: f32,
+}
+
+/// The chunks of a tile as they are stored.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct TileChunks {
+    /// Heights (section 9); empty if all residuals are 0.
+    pub heights: Vec<u8>,
+    /// Void mask (section 8); empty unless the tile has valid and void samples.
+    pub mask: Vec<u8>,
+    /// Error table (section 10).
+    pub errors: Vec<u8>,
+}
+
+/// What a level takes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LevelBytes {
+    /// Tiles.
+    pub tiles: u64,
+    /// Bytes of their heights.
+    pub heights: u64,
+    /// Bytes of their masks.
+    pub masks: u64,
+    /// Bytes of their error tables.
+    pub errors: u64,
+}
+
+impl LevelBytes {
+    /// Bytes of all chunks.
+    pub fn bytes(self) -> u64 {
+        self.heights + self.masks + self.errors
+    }
+}
+
+/// What was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FileSummary {
+    /// The file.
+    pub path: PathBuf,
+    /// Its length.
+    pub file_bytes: u64,
+    /// Tiles of all levels.
+    pub tiles: u64,
+    /// The levels, root first.
+    pub levels: Vec<LevelBytes>,
+    /// Bytes of the index as stored.
+    pub index_bytes: u64,
+    /// Bytes of the metadata section.
+    pub metadata_bytes: u64,
+    /// Bytes of the statistics section as stored.
+    pub statistics_bytes: u64,
+}
+
+/// Chunks of one level in the order in which they came.
+struct LevelFile {
+    file: BufWriter<File>,
+    end: u64,
+}
+
+/// Writes one container; dropped before [`ContainerWriter::finish`], it leaves nothing behind.
+pub struct ContainerWriter {
+    // Closed before the folder is removed: fields drop in this order.
+    files: Vec<Option<LevelFile>>,
+    tree: Tree,
+    levels: Vec<LevelBytes>,
+    failed: bool,
+    work: WorkFolder,
+}
+
+impl ContainerWriter {
+    /// Begins a file. Refuses an existing output unless `force`, and an output that another build is writing.
+    pub fn create(output: &Path, force: bool) -> Result<Self> {
+        let work = WorkFolder::create(output, force)?;
+        Ok(Self { files: Vec::new(), tree: Tree::default(), levels: Vec::new(), failed: false, work })
+    }
+
+    /// Adds a tile. Tiles may come in any order, each once; levels may be mixed.
+    pub fn append(&mut self, record: &TileRecord, chunks: &TileChunks) -> Result<()> {
+        let id = record.id;
+        self.tree.check_new(id)?;
+        let parts = [&chunks.heights, &chunks.mask, &chunks.errors];
+        let mut place = ChunkPlace::default();
+        for (index, part) in parts.iter().enumerate() {
+            let most = u32::MAX;
+            place.lengths[index] = u32::try_from(part.len())
+                .map_err(|_| Error::limit(format!("chunk of tile {id}"), part.len() as u64, most.into()))?;
+            place.crcs[index] = crc32fast::hash(part);
+        }
+        let mut entry = entry_of(record, place);
+        entry.check()?;
+        let level = usize::from(id.level);
+        let failed = &mut self.failed;
+        let work = &self.work;
+        let mut write = || -> io::Result<u64> {
+            let file = level_file(&mut self.files, level, work)?;
+            let offset = file.end;
+            // A write that fails part of the way leaves bytes that no row counts: the writer is spent.
+            *failed = true;
+            for part in parts {
+                file.file.write_all(part)?;
+            }
+            *failed = false;
+            file.end += place.bytes();
+            Ok(offset)
+        };
+        entry.chunks.offset = write().map_err(|source| work.failed(&format!("write tile {id}"), source))?;
+        self.tree.push(entry);
+        self.count(level, place.lengths);
+        Ok(())
+    }
+
+    fn count(&mut self, level: usize, lengths: [u32; 3]) {
+        if self.levels.len() <= level {
+            self.levels.resize(level + 1, LevelBytes::default());
+        }
+        let bytes = &mut self.levels[level];
+        let [heights, mask, errors] = lengths.map(u64::from);
+        bytes.tiles += 1;
+        bytes.heights += heights;
+        bytes.masks += mask;
+        bytes.errors += errors;
+    }
+
+    /// What a level takes so far.
+    pub fn level_bytes(&self, level: u8) -> LevelBytes {
+        self.levels.get(usize::from(level)).copied().unwrap_or_default()
+    }
+
+    /// Tiles so far, all levels.
+    pub fn tile_count(&self) -> u64 {
+        self.tree.len()
+    }
+
+    /// The output, with links followed.
+    pub fn output(&self) -> &Path {
+        self.work.output()
+    }
+
+    /// Puts the file together, syncs it and gives it its name. `header.tile_count` is set to what came.
+    pub fn finish(
+        mut self,
+        header: &Header,
+        metadata: &Metadata,
+        statistics: &Statistics,
+    ) -> Result<FileSummary> {
+        if self.failed {
+            return Err(Error::usage("a tile could not be written; the file cannot be finished"));
+        }
+        let header = Header { tile_count: self.tree.len(), ..header.clone() };
+        self.tree.check(&header)?;
+        header.check()?;
+        check_sizes(&self.tree, &header)?;
+        let metadata = metadata.encode()?;
+        let mut packed = Vec::new();
+        frame::compress(&statistics.encode()?, &mut packed)?;
+        let statistics = packed;
+        let (sources, tiles_bytes) = self.tree.place();
+        let index = self.tree.pages(header.levels)?;
+        let small = [
+            (sections::ROOT_PAGE, index.root.as_slice()),
+            (sections::METADATA, metadata.as_slice()),
+            (sections::STATISTICS, statistics.as_slice()),
+        ];
+        let opening = opening(header, small, tiles_bytes, index.pages.len() as u64)?;
+        let path = self.work.path("assembled");
+        let result = self.assemble(&path, &opening, small.map(|(_, bytes)| bytes), &sources, &index.pages);
+        result.map_err(|source| self.work.failed("write the file", source))?;
+        self.work.publish(&path)?;
+        Ok(FileSummary {
+            path: self.work.output().to_owned(),
+            file_bytes: opening.file_length,
+            tiles: self.tree.len(),
+            levels: self.levels.clone(),
+            index_bytes: (index.root.len() + index.pages.len()) as u64,
+            metadata_bytes: metadata.len() as u64,
+            statistics_bytes: statistics.len() as u64,
+        })
+    }
+
+    /// Writes and syncs the file under its working name.
+    fn assemble(
+        &mut self,
+        path: &Path,
+        opening: &Opening,
+        small: [&[u8]; 3],
+        sources: &[Vec<u64>],
+        pages: &[u8],
+    ) -> io::Result<()> {
+        let mut out = BufWriter::with_capacity(BUFFER, File::create(path)?);
+        out.write_all(&opening.encode())?;
+        for bytes in small {
+            out.write_all(bytes)?;
+        }
+        for (level, sources) in sources.iter().enumerate() {
+            let Some(file) = self.files.get_mut(level).and_then(Option::take) else { continue };
+            let file = file.file.into_inner().map_err(io::IntoInnerError::into_error)?;
+            copy_level(&file, self.tree.level(level as u8), sources, &mut out)?;
+            // Its bytes are in the file now: the disk holds at most one level twice.
+            drop(file);
+            std::fs::remove_file(self.work.path(&level_name(level)))?;
+        }
+        out.write_all(pages)?;
+        let file = out.into_inner().map_err(io::IntoInnerError::into_error)?;
+        let length = file.metadata()?.len();
+        if length != opening.file_length {
+            let what = format!("{length} bytes arrived of {}", opening.file_length);
+            return Err(io::Error::other(what));
+        }
+        file.sync_all()
+    }
+}
+
+fn entry_of(record: &TileRecord, chunks: ChunkPlace) -> TileEntry {
+    TileEntry {
+        id: record.id,
+        children: record.children,
+        has_valid: record.has_valid,
+        has_void: record.has_void,
+        vertical: record.vertical,
+        horizontal: record.horizontal,
+        min_m: record.min_m,
+        max_m: record.max_m,
+        chunks,
+    }
+}
+
+fn level_name(level: usize) -> String {
+    format!("level-{level:02}")
+}
+
+/// The file of a level, opened when its first tile comes.
+fn level_file<'a>(
+    files: &'a mut Vec<Option<LevelFile>>,
+    level: usize,
+    work: &WorkFolder,
+) -> io::Result<&'a mut LevelFile> {
+    if files.len() <= level {
+        files.resize_with(level + 1, || None);
+    }
+    let slot = &mut files[level];
+    if let Some(file) = slot {
+        return Ok(file);
+    }
+    let path = work.path(&level_name(level));
+    let file = OpenOptions::new().create(true).truncate(true).read(true).write(true).open(path)?;
+    Ok(slot.insert(LevelFile { file: BufWriter::with_capacity(BUFFER, file), end: 0 }))
+}
+
+/// Fails if a chunk is longer than any terrain of this tile size needs: readers would refuse it.
+fn check_sizes(tree: &Tree, header: &Header) -> Result<()> {
+    let most = header.max_chunk_bytes();
+    for entry in (0..=header.levels).flat_map(|level| tree.level(level)) {
+        for kind in ChunkKind::ALL {
+            let length = u64::from(entry.chunks.chunk(kind).1);
+            if length > most {
+                return Err(Error::limit(
+                    format!("{} chunk of tile {}", kind.name(), entry.id),
+                    length,
+                    most,
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The section table: what is small first, then tiles and pages.
+fn opening(header: Header, small: [(u32, &[u8]); 3], tiles: u64, pages: u64) -> Result<Opening> {
+    let mut end = Opening::bytes(SECTIONS);
+    let mut sections = Vec::with_capacity(SECTIONS);
+    for (kind, bytes) in small {
+        let section = SectionEntry::of(kind, end, bytes.len() as u64, crc32fast::hash(bytes));
+        end = section.end();
+        if kind == sections::METADATA && end > OPENING_BYTES {
+            return Err(Error::limit("end of header, root page and metadata", end, OPENING_BYTES));
+        }
+        sections.push(section);
+    }
+    for (kind, length) in [(sections::TILES, tiles), (sections::PAGES, pages)] {
+        let section = SectionEntry::of(kind, end, length, 0);
+        end = section.end();
+        sections.push(section);
+    }
+    Ok(Opening { header, sections, file_length: end })
+}
+
+/// Copies the chunks of a level in storage order and makes sure that they are still what came.
+fn copy_level(file: &File, entries: &[TileEntry], sources: &[u64], out: &mut impl Write) -> io::Result<()> {
+    let mut buffer = Vec::new();
+    for (entry, &source) in entries.iter().zip(sources) {
+        buffer.resize(entry.chunks.bytes() as usize, 0);
+        read_exact_at(file, &mut buffer, source)?;
+        let mut rest = buffer.as_slice();
+        for (length, crc) in entry.chunks.lengths.into_iter().zip(entry.chunks.crcs) {
+            let (chunk, behind) = rest.split_at(length as usize);
+            if crc32fast::hash(chunk) != crc {
+                let what = format!("the disk gave back other bytes for tile {} than it was given", entry.id);
+                return Err(io::Error::other(what));
+            }
+            rest = behind;
+        }
+        out.write_all(&buffer)?;
+    }
+    Ok(())
+}

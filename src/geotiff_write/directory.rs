@@ -1,0 +1,146 @@
+//! TIFF header and image file directory: tags in, the front of a little-endian file out. Knows no pixels.
+
+/// Tag numbers.
+pub(super) mod tags {
+    pub const IMAGE_WIDTH: u16 = 256;
+    pub const IMAGE_LENGTH: u16 = 257;
+    pub const BITS_PER_SAMPLE: u16 = 258;
+    pub const COMPRESSION: u16 = 259;
+    pub const PHOTOMETRIC: u16 = 262;
+    pub const STRIP_OFFSETS: u16 = 273;
+    pub const SAMPLES_PER_PIXEL: u16 = 277;
+    pub const ROWS_PER_STRIP: u16 = 278;
+    pub const STRIP_BYTE_COUNTS: u16 = 279;
+    pub const PLANAR_CONFIGURATION: u16 = 284;
+    pub const PREDICTOR: u16 = 317;
+    pub const TILE_WIDTH: u16 = 322;
+    pub const TILE_LENGTH: u16 = 323;
+    pub const TILE_OFFSETS: u16 = 324;
+    pub const TILE_BYTE_COUNTS: u16 = 325;
+    pub const SAMPLE_FORMAT: u16 = 339;
+    pub const MODEL_PIXEL_SCALE: u16 = 33550;
+    pub const MODEL_TIEPOINT: u16 = 33922;
+    pub const MODEL_TRANSFORMATION: u16 = 34264;
+    pub const GEO_KEY_DIRECTORY: u16 = 34735;
+    pub const GEO_DOUBLE_PARAMS: u16 = 34736;
+    pub const GEO_ASCII_PARAMS: u16 = 34737;
+    pub const GDAL_METADATA: u16 = 42112;
+    pub const GDAL_NODATA: u16 = 42113;
+}
+
+/// A tag and what it holds.
+#[derive(Clone, Debug)]
+pub(super) struct Tag {
+    pub id: u16,
+    pub value: Value,
+}
+
+impl Tag {
+    pub fn new(id: u16, value: Value) -> Self {
+        Self { id, value }
+    }
+}
+
+/// Values of a tag.
+#[derive(Clone, Debug)]
+pub(super) enum Value {
+    /// SHORT.
+    Shorts(Vec<u16>),
+    /// LONG.
+    Long(u32),
+    /// Offsets and sizes: LONG in a classic TIFF, LONG8 in a BigTIFF.
+    Offsets(Vec<u64>),
+    /// DOUBLE.
+    Doubles(Vec<f64>),
+    /// ASCII; the closing NUL is added.
+    Ascii(String),
+}
+
+impl Value {
+    /// TIFF type number, count and little-endian bytes.
+    fn encode(&self, big: bool) -> (u16, u64, Vec<u8>) {
+        match self {
+            Self::Shorts(v) => (3, v.len() as u64, v.iter().flat_map(|x| x.to_le_bytes()).collect()),
+            Self::Long(v) => (4, 1, v.to_le_bytes().to_vec()),
+            Self::Offsets(v) if big => (16, v.len() as u64, v.iter().flat_map(|x| x.to_le_bytes()).collect()),
+            Self::Offsets(v) => {
+                (4, v.len() as u64, v.iter().flat_map(|x| (*x as u32).to_le_bytes()).collect())
+            }
+            Self::Doubles(v) => (12, v.len() as u64, v.iter().flat_map(|x| x.to_le_bytes()).collect()),
+            Self::Ascii(v) => {
+                let bytes: Vec<u8> = v.bytes().chain([0]).collect();
+                (2, bytes.len() as u64, bytes)
+            }
+        }
+    }
+}
+
+/// A block index of the right length and all zero, to learn the size of the front of a file.
+pub(super) fn zero_index(count: u64) -> Vec<(u64, u64)> {
+    vec![(0, 0); count as usize]
+}
+
+/// Header, directory and the values that do not fit into it: the file up to its first block.
+///
+/// Its length depends on the tags and on the number of blocks, not on their places. A classic TIFF needs places
+/// below 4 GiB; the caller sees to it.
+pub(super) fn encode(other: &[Tag], blocks: &[(u64, u64)], tiled: bool, big: bool) -> Vec<u8> {
+    let (offsets, counts) = if tiled {
+        (tags::TILE_OFFSETS, tags::TILE_BYTE_COUNTS)
+    } else {
+        (tags::STRIP_OFFSETS, tags::STRIP_BYTE_COUNTS)
+    };
+    let mut all = other.to_vec();
+    all.push(Tag::new(offsets, Value::Offsets(blocks.iter().map(|block| block.0).collect())));
+    all.push(Tag::new(counts, Value::Offsets(blocks.iter().map(|block| block.1).collect())));
+    all.sort_by_key(|tag| tag.id);
+
+    // Classic: 8 bytes of header, 2 of count, 12 per entry, 4 of link. BigTIFF: 16, 8, 20, 8.
+    let (header, count, entry, word) = if big { (16, 8, 20, 8) } else { (8, 2, 12, 4) };
+    let mut values_at = (header + count + entry * all.len() + word).next_multiple_of(8);
+    let (mut front, mut values) = (begin(all.len(), big), Vec::new());
+    for tag in &all {
+        let (kind, count, mut bytes) = tag.value.encode(big);
+        front.extend(tag.id.to_le_bytes());
+        front.extend(kind.to_le_bytes());
+        push_word(&mut front, count, big);
+        if bytes.len() <= word {
+            bytes.resize(word, 0);
+            front.extend(bytes);
+        } else {
+            push_word(&mut front, values_at as u64, big);
+            bytes.resize(bytes.len().next_multiple_of(8), 0);
+            values_at += bytes.len();
+            values.extend(bytes);
+        }
+    }
+    push_word(&mut front, 0, big);
+    front.resize(front.len().next_multiple_of(8), 0);
+    front.extend(values);
+    front
+}
+
+/// Header and the count of a directory that follows it at once.
+fn begin(entries: usize, big: bool) -> Vec<u8> {
+    let mut front = Vec::from(*b"II");
+    if big {
+        for short in [43_u16, 8, 0] {
+            front.extend(short.to_le_bytes());
+        }
+        front.extend(16_u64.to_le_bytes());
+        front.extend((entries as u64).to_le_bytes());
+    } else {
+        front.extend(42_u16.to_le_bytes());
+        front.extend(8_u32.to_le_bytes());
+        front.extend((entries as u16).to_le_bytes());
+    }
+    front
+}
+
+fn push_word(bytes: &mut Vec<u8>, value: u64, big: bool) {
+    if big {
+        bytes.extend(value.to_le_bytes());
+    } else {
+        bytes.extend((value as u32).to_le_bytes());
+    }
+}

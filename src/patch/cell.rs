@@ -1,0 +1,107 @@
+//! One cell of a spacing as drawn: two triangles, their planes, and what of a fine triangle is shown on both surfaces.
+
+/// A linear function over a cell: `at + dx * x + dy * y`, `x`, `y` in fine intervals from the cell's north-west corner.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    at: f64,
+    dx: f64,
+    dy: f64,
+}
+
+impl Plane {
+    /// Value at `(x, y)`.
+    #[inline]
+    pub fn value(&self, x: f64, y: f64) -> f64 {
+        self.at + self.dx * x + self.dy * y
+    }
+}
+
+/// Cell of `s` fine intervals, with a linear function on each of its two triangles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cell {
+    /// Intervals on a side.
+    pub s: usize,
+    /// Diagonal from north-west to south-east; else from north-east to south-west.
+    pub falling: bool,
+}
+
+impl Cell {
+    /// The planes of the two triangles through the corner values (north-west, north-east, south-west, south-east): first the one that holds
+    /// the north-east corner (falling) or the north-west one (rising).
+    ///
+    /// Dividing by the power of two `s` is exact.
+    pub fn planes(self, [a, b, c, d]: [f64; 4]) -> [Plane; 2] {
+        let s = self.s as f64;
+        if self.falling {
+            [Plane { at: a, dx: (b - a) / s, dy: (d - b) / s }, Plane { at: a, dx: (d - c) / s, dy: (c - a) / s }]
+        } else {
+            [
+                Plane { at: a, dx: (b - a) / s, dy: (c - a) / s },
+                Plane { at: b + c - d, dx: (d - c) / s, dy: (d - b) / s },
+            ]
+        }
+    }
+
+    /// Which triangle holds the point.
+    #[inline]
+    pub fn triangle(self, x: f64, y: f64) -> usize {
+        let first = if self.falling { x >= y } else { x + y <= self.s as f64 };
+        usize::from(!first)
+    }
+
+    /// Indices into the corners of the three of triangle 0 or 1.
+    pub fn corners(self, triangle: usize) -> [usize; 3] {
+        match (self.falling, triangle) {
+            (true, 0) => [0, 1, 3],
+            (true, _) => [0, 2, 3],
+            (false, 0) => [0, 1, 2],
+            (false, _) => [1, 2, 3],
+        }
+    }
+}
+
+/// A vertex of a fine triangle: validity on the fine surface, on the drawn one, and the difference of their heights.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Vertex {
+    /// Validity at full resolution.
+    pub fine: f64,
+    /// Validity as drawn.
+    pub drawn: f64,
+    /// Height difference.
+    pub difference: f64,
+}
+
+/// Largest absolute difference over the part of a triangle where both surfaces are shown (validity at least 1/2); 0 if
+/// there is no such part. All three attributes are linear, so it lies at a corner of the clipped polygon.
+pub fn shown_difference(triangle: [Vertex; 3]) -> f64 {
+    let mut polygon = [Vertex::default(); 8];
+    polygon[..3].copy_from_slice(&triangle);
+    let (polygon, count) = clip(&polygon, 3, |v| v.fine - 0.5);
+    let (polygon, count) = clip(&polygon, count, |v| v.drawn - 0.5);
+    polygon[..count].iter().fold(0.0, |worst: f64, v| worst.max(v.difference.abs()))
+}
+
+/// Part of a convex polygon where `keep` is not negative.
+fn clip(polygon: &[Vertex; 8], count: usize, keep: impl Fn(&Vertex) -> f64) -> ([Vertex; 8], usize) {
+    let mut out = [Vertex::default(); 8];
+    let mut kept = 0;
+    for i in 0..count {
+        let (a, b) = (&polygon[i], &polygon[(i + 1) % count]);
+        let (ka, kb) = (keep(a), keep(b));
+        if ka >= 0.0 {
+            out[kept] = *a;
+            kept += 1;
+        }
+        if (ka < 0.0) != (kb < 0.0) && ka != 0.0 && kb != 0.0 {
+            let t = ka / (ka - kb);
+            let mix = |x: f64, y: f64| x + t * (y - x);
+            out[kept] = Vertex {
+                fine: mix(a.fine, b.fine),
+                drawn: mix(a.drawn, b.drawn),
+                difference: mix(a.difference, b.difference),
+            };
+            kept += 1;
+        }
+    }
+    (out, kept)
+}

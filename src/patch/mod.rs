@@ -1,0 +1,77 @@
+//! Geometric errors: for every patch of a tile and every step, vertical and horizontal, in metres.
+//!
+//! Errors grow bottom-up in one pass. A tile takes over those of its children (`e(parent, k) = max e(child, k + 1)`)
+//! and measures only its own coarsest step: from the samples where the cell lies within a leaf tile ([`exact`]), from minimum and maximum
+//! over blocks above ([`envelope`]), or one vertex at a time as the papers do ([`paper`]). The outline has
+//! measures of its own ([`outline`]). Nothing here knows files or threads.
+//!
+//! Step `k` means spacing `s = 2^k`, step 0 the finest, as in papers 000 and 001.
+
+pub mod blocks;
+pub mod cell;
+pub mod distance;
+pub mod envelope;
+pub mod exact;
+pub mod inherit;
+pub mod outline;
+pub mod paper;
+
+use crate::geo::Spacing;
+
+/// What the error of a tile depends on besides its samples.
+#[derive(Clone, Copy, Debug)]
+pub struct TileGeometry {
+    /// Intervals on a side, T.
+    pub n: usize,
+    /// Intervals on a side of a patch, P.
+    pub patch: usize,
+    /// True if tile column + row is odd: the diagonal of a cell as large as the tile is then north-east to south-west.
+    pub odd: bool,
+    /// Metres of one interval of the tile.
+    pub spacing: Spacing,
+    /// Metres of one unit of the numbers that errors are measured in (codes of integers, values of floats).
+    pub metres: f64,
+}
+
+impl TileGeometry {
+    /// Steps of a patch: p + 1.
+    pub fn steps(&self) -> usize {
+        self.patch.trailing_zeros() as usize + 1
+    }
+
+    /// Patches on a side.
+    pub fn patches(&self) -> usize {
+        self.n / self.patch
+    }
+
+    /// True if cell (column, row) of spacing `s` has its diagonal from north-west to south-east.
+    ///
+    /// The rule counts cells over the whole level; within the tile parity is the same unless one cell fills it.
+    pub fn falling(&self, s: usize, column: usize, row: usize) -> bool {
+        if s == self.n { !self.odd } else { (column + row).is_multiple_of(2) }
+    }
+}
+
+/// Errors of one tile in metres, not yet rounded.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Errors {
+    /// `[step][patch]`, patches row by row.
+    pub vertical: Vec<Vec<f64>>,
+    /// `[step][patch]`.
+    pub horizontal: Vec<Vec<f64>>,
+    /// Vertical errors of cells of 2P, 4P, .. T leaf intervals, measured in the leaf for the levels above; each a square
+    /// of cells row by row.
+    pub ahead_vertical: Vec<Vec<f64>>,
+    /// The same, horizontal.
+    pub ahead_horizontal: Vec<Vec<f64>>,
+}
+
+/// Makes every step at least as large as the finer one before it.
+pub fn make_monotone(steps: &mut [Vec<f64>]) {
+    for k in 1..steps.len() {
+        let (finer, coarser) = steps.split_at_mut(k);
+        for (coarse, &fine) in coarser[0].iter_mut().zip(&finer[k - 1]) {
+            *coarse = coarse.max(fine);
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! What a build will be, known before a sample is read: lattice, levels, most tiles, memory and disk.
+
+use serde_json::{Value, json};
+
+use crate::container::layout::{Header, Metric, leaf_level};
+use crate::error::{Error, Result};
+use crate::geo::Geo;
+use crate::limits::Limits;
+use crate::patch::TileGeometry;
+use crate::pipeline::BuildOptions;
+use crate::sample::{Coding, SampleType};
+use crate::source::SourceInfo;
+use crate::tile::TileId;
+use crate::tile::code::Recipe;
+
+/// The plan of a build.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Columns of the lattice.
+    pub width: u32,
+    /// Rows of the lattice.
+    pub height: u32,
+    /// Intervals of a tile.
+    pub tile: usize,
+    /// Intervals of a patch.
+    pub patch: usize,
+    /// The leaves' level, L.
+    pub levels: u8,
+    /// Which geometric error.
+    pub metric: Metric,
+    /// How samples become codes.
+    pub recipe: Recipe,
+    /// Largest error of a decoded height, metres.
+    pub quantisation_error_m: f64,
+    /// Metres of one unit of a value: GDAL scale and vertical unit.
+    pub metres_of_value: f64,
+    /// Where the lattice lies.
+    pub geo: Geo,
+    /// Threads asked for.
+    pub jobs: usize,
+    signed_metres: f64,
+    band_offset_m: f64,
+}
+
+/// Makes the plan of a build, or says what is wrong with its options.
+pub fn plan(info: &SourceInfo, options: &BuildOptions) -> Result<Plan> {
+    check_power("--tile", options.tile, 16, 1024)?;
+    check_power("--patch", options.patch, 4, 64)?;
+    if options.patch > options.tile {
+        return Err(Error::usage(format!(
+            "--patch {} is larger than --tile {}; a tile holds at least one patch",
+            options.patch, options.tile
+        )));
+    }
+    if let Some(precision) = options.precision_m
+        && !(precision.is_finite() && precision > 0.0)
+    {
+        return Err(Error::usage(format!("--precision {precision}: expected a length above 0, in metres")));
+    }
+    let side = Limits::default().raster_side;
+    for (what, got) in [("raster width", info.width), ("raster height", info.height)] {
+        if u64::from(got) > side {
+            return Err(Error::limit(what, u64::from(got), side));
+        }
+    }
+    let mut recipe = Recipe::lossless(info);
+    recipe.nodata = options.nodata.or(info.nodata);
+    let metres_of_value = info.band_scale.abs() * info.vertical_unit.0;
+    Ok(Plan {
+        width: info.width,
+        height: info.height,
+        tile: options.tile as usize,
+        patch: options.patch as usize,
+        levels: leaf_level(info.width, info.height, options.tile),
+        metric: options.metric,
+        recipe,
+        quantisation_error_m: options.precision_m.map_or(0.0, |p| p / 2.0),
+        metres_of_value,
+        geo: info.geo.clone(),
+        jobs: options.jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        signed_metres: info.band_scale * info.vertical_unit.0,
+        band_offset_m: info.band_offset * info.vertical_unit.0,
+    })
+}
+
+fn check_power(option: &str, value: u32, low: u32, high: u32) -> Result<()> {
+    if value.is_power_of_two() && (low..=high).contains(&value) {
+        return Ok(());
+    }
+    Err(Error::usage(format!("{option} {value}: expected a power of two from {low} to {high}")))
+}
+
+impl Plan {
+    /// Tile columns of a level that can hold samples.
+    pub fn columns_of_tiles(&self, level: u8) -> u32 {
+        self.tiles_along(self.width, level)
+    }
+
+    /// Tile rows of a level that can hold samples.
+    pub fn rows_of_tiles(&self, level: u8) -> u32 {
+        self.tiles_along(self.height, level)
+    }
+
+    /// A tile is closed: one more that starts exactly at the last sample exists too, inside the root square.
+    fn tiles_along(&self, samples: u32, level: u8) -> u32 {
+        let span = (self.tile as u64) << (self.levels - level);
+        let count = (u64::from(samples) - 1) / span + 1;
+        count.min(1 << level) as u32
+    }
+
+    /// Most tiles that a level, and the file, can have.
+    pub fn most_tiles(&self) -> Vec<u64> {
+        (0..=self.levels)
+            .map(|level| u64::from(self.columns_of_tiles(level)) * u64::from(self.rows_of_tiles(level)))
+            .collect()
+    }
+
+    /// What the errors of a tile depend on.
+    pub fn geometry(&self, id: TileId) -> TileGeometry {
+        let step = 1_u64 << (self.levels - id.level);
+        let span = step * self.tile as u64;
+        let range = |tile: u32, samples: u32| {
+            let first = (u64::from(tile) * span).min(u64::from(samples) - 1);
+            let last = (u64::from(tile + 1) * span).min(u64::from(samples) - 1);
+            (first as u32, last as u32)
+        };
+        let mut spacing = self.geo.spacing(range(id.x, self.width), range(id.y, self.height));
+        spacing.dx *= step as f64;
+        spacing.dy *= step as f64;
+        let scale = if let Coding::Integer { scale, .. } = self.recipe.coding { scale.abs() } else { 1.0 };
+        TileGeometry {
+            n: self.tile,
+            patch: self.patch,
+            odd: (id.x + id.y) % 2 == 1,
+            spacing,
+            // One part in 10^12 covers the rounding of this product and of those with it.
+            metres: scale * self.metres_of_value * (1.0 + 1e-12),
+        }
+    }
+
+    /// Height in metres of a value.
+    pub fn metres_of(&self, value: f64) -> f64 {
+        self.signed_metres * value + self.band_offset_m
+    }
+
+    /// True if decoded heights differ from the source's.
+    pub fn quantised(&self) -> bool {
+        self.recipe.quantised
+    }
+
+    /// The header of the file.
+    pub fn header(&self, info: &SourceInfo, tile_count: u64) -> Header {
+        let quantisation_error =
+            if self.quantised() { self.quantisation_error_m / self.metres_of_value } else { 0.0 };
+        Header {
+            width: self.width,
+            height: self.height,
+            tile_log2: self.tile.trailing_zeros() as u8,
+            patch_log2: self.patch.trailing_zeros() as u8,
+            levels: self.levels,
+            metric: self.metric,
+            coding: self.recipe.coding,
+            source_type: info.sample_type,
+            band_scale: info.band_scale,
+            band_offset: info.band_offset,
+            unit_metres: info.vertical_unit.0,
+            quantisation_error,
+            nodata: self.recipe.nodata,
+            transform: info.geo.transform,
+            tile_count,
+        }
+    }
+
+    /// Options as recorded in the metadata.
+    pub fn options_json(&self, options: &BuildOptions) -> Value {
+        json!({
+            "tile": self.tile,
+            "patch": self.patch,
+            "metric": self.metric,
+            "precision_m": options.precision_m,
+            "nodata": self.recipe.nodata.filter(|v| v.is_finite()),
+        })
+    }
+
+    /// Bytes of memory that the build needs at most, estimated: three rows of tiles at every level and what is in
+    /// work on each thread. The formula was held against measured peaks (`bench/`).
+    pub fn memory_estimate(&self, sample_type: SampleType) -> u64 {
+        let samples = ((self.tile + 1) * (self.tile + 1)) as u64;
+        let sample = if sample_type == SampleType::Float64 { 9 } else { 5 };
+        let rows: u64 = (0..=self.levels)
+            .map(|level| {
+                let columns = u64::from(self.columns_of_tiles(level));
+                let rows = u64::from(self.rows_of_tiles(level)).min(3);
+                // Lattices of the window, blocks and quarters of two rows.
+                columns * samples * (rows * sample + 9 + 2 * (sample + 9) / 4)
+            })
+            .sum();
+        let band = u64::from(self.width) * (self.tile as u64 + 1).min(u64::from(self.height));
+        let input = band * (sample + 2 * sample_type.bytes() as u64);
+        let workers = self.jobs as u64 * samples * 64;
+        rows + input + workers + (16 << 20)
+    }
+
+    /// Bytes that the finished file will have, roughly: from a bits-per-sample figure of real terrain (4.5 for 16-bit integers, 16 for
+    /// lossless float32). The work folder needs as much again until the rename.
+    pub fn disk_estimate(&self, sample_type: SampleType) -> u64 {
+        let bits = match (sample_type, self.quantised()) {
+            (_, true) => 8.0,
+            (SampleType::Int8 | SampleType::Uint8, _) => 3.0,
+            (SampleType::Int16 | SampleType::Uint16, _) => 4.5,
+            (SampleType::Int32 | SampleType::Uint32, _) => 8.0,
+            (SampleType::Float32, _) => 16.0,
+            (SampleType::Float64, _) => 45.0,
+        };
+        (f64::from(self.width) * f64::from(self.height) * bits / 8.0) as u64
+            + self.most_tiles().iter().sum::<u64>() * 300
+            + 4096
+    }
+}

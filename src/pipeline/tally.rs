@@ -1,0 +1,138 @@
+//! Statistics of a build: every stored error counted by its code, so that percentiles are exact and the order of tiles
+//! does not matter.
+
+use std::collections::BTreeMap;
+
+use crate::container::layout::Header;
+use crate::container::metadata::{ErrorStatistics, LevelStatistics, Statistics, StepStatistics};
+use crate::error_code::metres_from_code;
+use crate::patch::TileGeometry;
+use crate::pipeline::plan::Plan;
+use crate::pipeline::work::Finished;
+
+/// How many patches have an error of each code.
+type Counts = BTreeMap<u16, u64>;
+
+/// The counts of all levels.
+pub struct Tally {
+    levels: Vec<LevelTally>,
+}
+
+#[derive(Default)]
+struct LevelTally {
+    tiles: u64,
+    patches: u64,
+    valid: u64,
+    range_m: Option<(f64, f64)>,
+    bytes: [u64; 3],
+    steps: Vec<StepTally>,
+}
+
+#[derive(Clone, Default)]
+struct StepTally {
+    spacing_m: [f64; 2],
+    vertical: Counts,
+    horizontal: Counts,
+}
+
+impl Tally {
+    /// Nothing counted yet.
+    pub fn new(plan: &Plan) -> Self {
+        let steps = plan.patch.trailing_zeros() as usize + 1;
+        let level = || LevelTally { steps: vec![StepTally::default(); steps], ..LevelTally::default() };
+        Self { levels: (0..=plan.levels).map(|_| level()).collect() }
+    }
+
+    /// Counts a finished tile.
+    pub fn add(&mut self, tile: &Finished, geometry: &TileGeometry) {
+        let level = &mut self.levels[usize::from(tile.record.id.level)];
+        level.tiles += 1;
+        level.patches += tile.table.drawable.iter().filter(|&&d| d).count() as u64;
+        level.valid += tile.census.valid;
+        if let Some((low, high)) = tile.census.range_m {
+            let (a, b) = level.range_m.unwrap_or((low, high));
+            level.range_m = Some((a.min(low), b.max(high)));
+        }
+        let chunks = &tile.chunks;
+        for (sum, chunk) in level.bytes.iter_mut().zip([&chunks.heights, &chunks.mask, &chunks.errors]) {
+            *sum += chunk.len() as u64;
+        }
+        let patches = tile.occupied.len();
+        for (k, step) in level.steps.iter_mut().enumerate() {
+            let spacing = geometry.spacing;
+            step.spacing_m[0] = step.spacing_m[0].max(spacing.dx * f64::from(1 << k));
+            step.spacing_m[1] = step.spacing_m[1].max(spacing.dy * f64::from(1 << k));
+            for (patch, _) in tile.occupied.iter().enumerate().filter(|(_, o)| **o) {
+                *step.vertical.entry(tile.table.vertical[k * patches + patch]).or_default() += 1;
+                *step.horizontal.entry(tile.table.horizontal[k * patches + patch]).or_default() += 1;
+            }
+        }
+    }
+
+    /// The statistics section.
+    pub fn statistics(&self, header: &Header) -> Statistics {
+        let levels = self.levels.iter().zip(0..).map(|(level, number)| {
+            let (columns, rows) = header.level_size(number);
+            LevelStatistics {
+                level: number,
+                tiles: level.tiles,
+                patches: level.patches,
+                columns: columns.into(),
+                rows: rows.into(),
+                valid: level.valid,
+                min_m: level.range_m.map(|r| r.0),
+                max_m: level.range_m.map(|r| r.1),
+                heights_bytes: level.bytes[0],
+                masks_bytes: level.bytes[1],
+                errors_bytes: level.bytes[2],
+                steps: level.steps.iter().map(StepTally::statistics).collect(),
+            }
+        });
+        Statistics { levels: levels.collect() }
+    }
+}
+
+impl StepTally {
+    fn statistics(&self) -> StepStatistics {
+        StepStatistics {
+            spacing_m: self.spacing_m,
+            vertical: distribution(&self.vertical),
+            horizontal: distribution(&self.horizontal),
+        }
+    }
+}
+
+/// Distribution of stored errors in metres; percentiles by nearest rank.
+pub fn distribution(counts: &Counts) -> ErrorStatistics {
+    let count: u64 = counts.values().sum();
+    let metres = |code: u16| f64::from(metres_from_code(code));
+    let percentile = |percent: u64| {
+        let rank = (count * percent).div_ceil(100).max(1);
+        let mut seen = 0;
+        counts
+            .iter()
+            .find(|(_, n)| {
+                seen += **n;
+                seen >= rank
+            })
+            .map_or(0.0, |(&code, _)| metres(code))
+    };
+    let mut histogram: Vec<(u16, u64)> = Vec::new();
+    for (&code, &n) in counts {
+        match histogram.last_mut() {
+            Some((bin, sum)) if *bin == code >> 6 => *sum += n,
+            _ => histogram.push((code >> 6, n)),
+        }
+    }
+    let sum: f64 = counts.iter().map(|(&code, &n)| metres(code) * n as f64).sum();
+    ErrorStatistics {
+        count,
+        min: counts.keys().next().map_or(0.0, |&code| metres(code)),
+        mean: if count == 0 { 0.0 } else { sum / count as f64 },
+        max: counts.keys().next_back().map_or(0.0, |&code| metres(code)),
+        p50: percentile(50),
+        p90: percentile(90),
+        p99: percentile(99),
+        histogram,
+    }
+}

@@ -1,0 +1,253 @@
+//! One tile on its way through a level: assembled, filled, measured, encoded, halved.
+
+use crate::codec::table::ErrorTable;
+use crate::codec::{Scratch, height, mask, table};
+use crate::container::layout::Metric;
+use crate::container::writer::{TileChunks, TileRecord};
+use crate::error::Result;
+use crate::error_code::code_from_metres;
+use crate::patch::blocks::Blocks;
+use crate::patch::{Errors, TileGeometry, inherit};
+use crate::pipeline::plan::Plan;
+use crate::sample::{Coding, FILLED, Lattice, VALID};
+use crate::tile::{TileId, downsample};
+
+/// A tile before its own turn: its lattice, and what its children left for it.
+pub struct Work {
+    /// Samples.
+    pub lattice: Lattice,
+    /// Children's errors, and blocks put together from theirs; `None` for a leaf.
+    below: Option<Below>,
+}
+
+struct Below {
+    blocks: Blocks,
+    errors: [Option<Errors>; 4],
+    range: Range,
+    children: u8,
+}
+
+/// What a finished tile leaves for its parent.
+pub struct Quarter {
+    lattice: Lattice,
+    blocks: Blocks,
+    errors: Errors,
+    range: Range,
+}
+
+/// A finished tile.
+pub struct Finished {
+    /// Its row of the index.
+    pub record: TileRecord,
+    /// Its stored bytes.
+    pub chunks: TileChunks,
+    /// Its error table, for the statistics.
+    pub table: ErrorTable,
+    /// Patches with a valid sample in or below them.
+    pub occupied: Vec<bool>,
+    /// Its own samples, for the statistics.
+    pub census: Census,
+    /// For the parent.
+    pub quarter: Quarter,
+}
+
+/// The valid samples of a tile's own lattice.
+pub struct Census {
+    /// How many: of the last column and row only where no other tile counts them.
+    pub valid: u64,
+    /// Lowest and highest in metres.
+    pub range_m: Option<(f64, f64)>,
+}
+
+/// Lowest and highest value; empty if `low > high`.
+#[derive(Clone, Copy, Debug)]
+struct Range {
+    low: f64,
+    high: f64,
+}
+
+impl Range {
+    const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
+
+    fn join(self, other: Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    /// Range of the samples whose state is at least `state`.
+    fn of(lattice: &Lattice, coding: Coding, least: u8) -> Self {
+        if coding.has_low() {
+            let known = (0..lattice.state.len()).filter(|&i| lattice.state[i] >= least);
+            return known.map(|i| lattice.value(i, coding)).fold(Self::EMPTY, |range, v| Self {
+                low: range.low.min(v),
+                high: range.high.max(v),
+            });
+        }
+        let (mut low, mut high) = (i32::MAX, i32::MIN);
+        for (&code, &state) in lattice.code.iter().zip(&lattice.state) {
+            if state >= least {
+                (low, high) = (low.min(code), high.max(code));
+            }
+        }
+        if low > high {
+            return Self::EMPTY;
+        }
+        let (a, b) = (coding.value(low, 0), coding.value(high, 0));
+        Self { low: a.min(b), high: a.max(b) }
+    }
+
+    /// In metres.
+    fn metres(self, plan: &Plan) -> (f64, f64) {
+        let (a, b) = (plan.metres_of(self.low), plan.metres_of(self.high));
+        (a.min(b), a.max(b))
+    }
+
+    /// In metres as f32, rounded outward.
+    fn outward(self, plan: &Plan) -> (f32, f32) {
+        let (low, high) = self.metres(plan);
+        let down = if f64::from(low as f32) > low { (low as f32).next_down() } else { low as f32 };
+        let up = if f64::from(high as f32) < high { (high as f32).next_up() } else { high as f32 };
+        (down, up)
+    }
+}
+
+impl Work {
+    /// A leaf tile.
+    pub fn leaf(lattice: Lattice) -> Self {
+        Self { lattice, below: None }
+    }
+
+    /// The parent of up to four finished tiles; `None` if there are none.
+    pub fn parent(quarters: [Option<Quarter>; 4], plan: &Plan) -> Option<Self> {
+        if quarters.iter().all(Option::is_none) {
+            return None;
+        }
+        let mut lattice = Lattice::new(plan.tile, plan.recipe.coding);
+        let mut blocks = Blocks::void(plan.tile);
+        let mut range = Range::EMPTY;
+        let mut children = 0;
+        let mut quadrant = 0;
+        let errors = quarters.map(|quarter| {
+            let place = quadrant;
+            quadrant += 1;
+            let quarter = quarter?;
+            downsample::place(&quarter.lattice, place, &mut lattice);
+            blocks.place(&quarter.blocks, place);
+            range = range.join(quarter.range);
+            children |= 1 << place;
+            Some(quarter.errors)
+        });
+        Some(Self { lattice, below: Some(Below { blocks, errors, range, children }) })
+    }
+
+    /// Measures, encodes and halves the tile, whose fills are in place.
+    pub fn finish(&mut self, id: TileId, plan: &Plan, scratch: &mut Scratch) -> Result<Finished> {
+        let coding = plan.recipe.coding;
+        let geometry = plan.geometry(id);
+        let own = Range::of(&self.lattice, coding, FILLED);
+        let below = self.below.take();
+        let children = below.as_ref().map_or(0, |b| b.children);
+        let range = below.as_ref().map_or(own, |b| own.join(b.range));
+        let (blocks, errors) = self.errors(below, plan, &geometry);
+        let occupied = blocks.occupied(plan.patch);
+        let table = stored_table(&self.lattice, &errors, &occupied, plan, &geometry);
+        let mut chunks = TileChunks::default();
+        let root = id == TileId::ROOT;
+        let occupancy = mask::encode(&self.lattice, root, scratch, &mut chunks.mask)?;
+        height::encode(&self.lattice, coding, root, scratch, &mut chunks.heights)?;
+        table::encode(&table, &mut chunks.errors)?;
+        let (min_m, max_m) = range.outward(plan);
+        let patches = table.patches * table.patches;
+        let largest = |codes: &[u16]| codes[..patches].iter().copied().max().unwrap_or(0);
+        let record = TileRecord {
+            id,
+            children,
+            has_valid: occupancy.has_valid,
+            has_void: occupancy.has_void,
+            vertical: largest(&table.vertical),
+            horizontal: largest(&table.horizontal),
+            min_m,
+            max_m,
+        };
+        let quarter = Quarter {
+            lattice: downsample::halve(&self.lattice, coding),
+            blocks: blocks.halved(),
+            errors,
+            range,
+        };
+        let census = census(&self.lattice, id, plan);
+        Ok(Finished { record, chunks, table, occupied, census, quarter })
+    }
+
+    fn errors(
+        &self,
+        below: Option<Below>,
+        plan: &Plan,
+        geometry: &TileGeometry,
+    ) -> (Blocks, Errors) {
+        let (lattice, coding) = (&self.lattice, plan.recipe.coding);
+        match below {
+            None => {
+                let blocks = Blocks::of_leaf(lattice, coding, geometry);
+                let errors = match plan.metric {
+                    Metric::Bound => inherit::leaf_bound(lattice, &blocks, coding, geometry),
+                    Metric::Paper => inherit::leaf_paper(lattice, coding, geometry),
+                };
+                (blocks, errors)
+            }
+            Some(Below { blocks, errors, .. }) => {
+                let children = errors.each_ref().map(Option::as_ref);
+                let errors = match plan.metric {
+                    Metric::Bound => inherit::parent_bound(children, lattice, &blocks, coding, geometry),
+                    Metric::Paper => inherit::parent_paper(children, lattice, coding, geometry),
+                };
+                (blocks, errors)
+            }
+        }
+    }
+}
+
+/// Counts the tile's own samples. Neighbours share a column and a row: it belongs to the tile that starts with it.
+fn census(lattice: &Lattice, id: TileId, plan: &Plan) -> Census {
+    let last = (1_u32 << id.level) - 1;
+    let (columns, rows) = (lattice.n + usize::from(id.x == last), lattice.n + usize::from(id.y == last));
+    let row = |y: usize| &lattice.state[lattice.at(0, y)..lattice.at(0, y) + columns];
+    let valid = (0..rows).map(|y| row(y).iter().filter(|&&s| s == VALID).count() as u64).sum();
+    let range = Range::of(lattice, plan.recipe.coding, VALID);
+    Census { valid, range_m: (range.low <= range.high).then(|| range.metres(plan)) }
+}
+
+/// The table as stored: rounded up, with the quantisation error on top of every vertical one.
+fn stored_table(
+    lattice: &Lattice,
+    errors: &Errors,
+    occupied: &[bool],
+    plan: &Plan,
+    geometry: &TileGeometry,
+) -> ErrorTable {
+    let quantisation = if plan.quantised() { plan.quantisation_error_m } else { 0.0 };
+    let vertical = errors.vertical.iter().flat_map(|step| {
+        step.iter().zip(occupied).map(|(&e, &o)| code_from_metres(if o { e + quantisation } else { e }))
+    });
+    let horizontal = errors.horizontal.iter().flatten().map(|&e| code_from_metres(e));
+    ErrorTable {
+        patches: geometry.patches(),
+        steps: geometry.steps(),
+        drawable: drawable(lattice, plan.patch),
+        vertical: vertical.collect(),
+        horizontal: horizontal.collect(),
+    }
+}
+
+/// Patches with a valid sample of the tile's own lattice, borders included.
+fn drawable(lattice: &Lattice, patch: usize) -> Vec<bool> {
+    let side = lattice.n / patch;
+    (0..side * side)
+        .map(|i| {
+            let (x, y) = (i % side * patch, i / side * patch);
+            (y..=y + patch).any(|row| {
+                let from = lattice.at(x, row);
+                lattice.state[from..=from + patch].contains(&VALID)
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,318 @@
+//! How one band of one image lies in a TIFF file: its grid of blocks, their encoding, offsets and byte counts.
+//!
+//! Everything is checked here against [`Limits`] and against itself, so that later steps only meet numbers that make
+//! sense. What the file needs and this reader lacks is refused by its name. No sample is touched here.
+
+use tiff::Directory;
+use tiff::tags::Tag;
+
+use super::directory::{Reader, place};
+use crate::error::{Error, Result};
+use crate::limits::Limits;
+use crate::sample::SampleType;
+
+/// How the bytes of a block are packed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Compression {
+    None,
+    Lzw,
+    Deflate,
+    PackBits,
+    Zstd,
+}
+
+/// What was subtracted from the samples before packing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Predictor {
+    None,
+    /// Difference of whole samples.
+    Horizontal,
+    /// Difference of bytes, sorted by their significance.
+    FloatingPoint,
+}
+
+/// Type of the samples in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stored {
+    /// One bit, of a mask.
+    Bit,
+    /// One of the types that heights may have.
+    Number(SampleType),
+}
+
+/// Geometry and encoding of one band.
+#[derive(Debug)]
+pub(super) struct Layout {
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) block_width: u32,
+    pub(super) block_height: u32,
+    /// Blocks side by side.
+    pub(super) across: u32,
+    /// Rows of blocks.
+    pub(super) down: u32,
+    pub(super) tiled: bool,
+    pub(super) stored: Stored,
+    /// Samples of different bands beside each other in a block; this band is the first of them.
+    pub(super) bands: u32,
+    pub(super) compression: Compression,
+    pub(super) predictor: Predictor,
+    /// True if numbers must be turned to this machine's byte order.
+    pub(super) swapped: bool,
+    /// Offsets of the blocks, row by row.
+    pub(super) offsets: Vec<u64>,
+    /// Bytes of the blocks in the file; 0 for one that is not there.
+    pub(super) counts: Vec<u64>,
+}
+
+impl Stored {
+    pub(super) fn bits(self) -> u64 {
+        match self {
+            Self::Bit => 1,
+            Self::Number(kind) => 8 * kind.bytes() as u64,
+        }
+    }
+}
+
+impl Layout {
+    /// The first band of an image.
+    pub(super) fn read(reader: &mut Reader<'_>, directory: &Directory, limits: &Limits) -> Result<Self> {
+        let width = side(reader, directory, Tag::ImageWidth, limits)?;
+        let height = side(reader, directory, Tag::ImageLength, limits)?;
+        let compression = compression(reader, directory)?;
+        if reader.integer(directory, Tag::FillOrder)? == Some(2) {
+            return Err(unsupported("bits stored from the lowest to the highest (FillOrder 2)"));
+        }
+        let stored = stored(reader, directory)?;
+        let predictor = predictor(reader, directory, compression, stored)?;
+        let samples = reader.integer(directory, Tag::SamplesPerPixel)?.unwrap_or(1);
+        let samples = u16::try_from(samples).ok().filter(|&samples| samples > 0).ok_or_else(|| {
+            Error::format(place(Tag::SamplesPerPixel), "1 to 65535", samples)
+        })?;
+        let planar = match reader.integer(directory, Tag::PlanarConfiguration)?.unwrap_or(1) {
+            1 => false,
+            2 => true,
+            other => return Err(Error::format(place(Tag::PlanarConfiguration), "1 or 2", other)),
+        };
+        let tiled = directory.contains(Tag::TileOffsets) || directory.contains(Tag::TileWidth);
+        let (block_width, block_height) = if tiled {
+            (block_side(reader, directory, Tag::TileWidth)?, block_side(reader, directory, Tag::TileLength)?)
+        } else {
+            (width, rows_per_strip(reader, directory, height)?)
+        };
+        let mut layout = Self {
+            width,
+            height,
+            block_width,
+            block_height,
+            across: width.div_ceil(block_width),
+            down: height.div_ceil(block_height),
+            tiled,
+            stored,
+            bands: if planar { 1 } else { u32::from(samples) },
+            compression,
+            predictor,
+            swapped: reader.swapped,
+            offsets: Vec::new(),
+            counts: Vec::new(),
+        };
+        layout.check_size(limits)?;
+        layout.read_blocks(reader, directory)?;
+        Ok(layout)
+    }
+
+    /// Bytes of one row of a block.
+    pub(super) fn row_bytes(&self) -> u64 {
+        (u64::from(self.block_width) * u64::from(self.bands) * self.stored.bits()).div_ceil(8)
+    }
+
+    /// Rows that the encoder put into blocks of this row of blocks: a tile is always whole, the last strip is not.
+    pub(super) fn coded_rows(&self, block_row: u32) -> u32 {
+        if self.tiled { self.block_height } else { self.raster_rows(block_row) }
+    }
+
+    /// Rows of the raster in a row of blocks.
+    pub(super) fn raster_rows(&self, block_row: u32) -> u32 {
+        self.block_height.min(self.height - block_row * self.block_height)
+    }
+
+    /// True if samples can be taken from the file as they stand.
+    pub(super) fn is_direct(&self) -> bool {
+        self.compression == Compression::None && self.stored != Stored::Bit
+    }
+
+    /// A block by name, for messages.
+    pub(super) fn block_name(&self, index: usize) -> String {
+        let kind = if self.tiled { "tile" } else { "strip" };
+        format!("{kind} {index} at offset {}", self.offsets.get(index).copied().unwrap_or(0))
+    }
+
+    /// `tiles 256 x 256, LZW, predictor 2`.
+    pub(super) fn describe(&self) -> String {
+        let blocks = match (self.tiled, self.block_height) {
+            (true, _) => format!("tiles {} x {}", self.block_width, self.block_height),
+            (false, 1) => "strips of 1 row".to_owned(),
+            (false, rows) => format!("strips of {rows} rows"),
+        };
+        let packed = match self.compression {
+            Compression::None => "uncompressed",
+            Compression::Lzw => "LZW",
+            Compression::Deflate => "Deflate",
+            Compression::PackBits => "PackBits",
+            Compression::Zstd => "ZSTD",
+        };
+        let predictor = match self.predictor {
+            Predictor::None => "",
+            Predictor::Horizontal => ", predictor 2",
+            Predictor::FloatingPoint => ", predictor 3",
+        };
+        format!("{blocks}, {packed}{predictor}")
+    }
+
+    /// A block that has to be decoded as a whole must fit; of others only the rows in use are ever copied.
+    fn check_size(&self, limits: &Limits) -> Result<()> {
+        let bytes = u128::from(self.row_bytes()) * u128::from(self.block_height);
+        let max = if self.is_direct() { u128::from(u64::MAX) } else { u128::from(limits.block_bytes) };
+        if bytes > max {
+            let what = if self.tiled { "the size of a decoded tile in bytes" } else { "the size of a decoded strip in bytes" };
+            return Err(Error::limit(what, u64::try_from(bytes).unwrap_or(u64::MAX), max as u64));
+        }
+        Ok(())
+    }
+
+    fn read_blocks(&mut self, reader: &mut Reader<'_>, directory: &Directory) -> Result<()> {
+        let (offsets, counts) = if self.tiled {
+            (Tag::TileOffsets, Tag::TileByteCounts)
+        } else {
+            (Tag::StripOffsets, Tag::StripByteCounts)
+        };
+        let blocks = u64::from(self.across) * u64::from(self.down);
+        let whole = |tag: Tag, mut values: Vec<u64>| {
+            if (values.len() as u64) < blocks {
+                return Err(Error::format(place(tag), format!("{blocks} blocks"), values.len()));
+            }
+            // Band 1 is the first of the planes.
+            values.truncate(blocks as usize);
+            Ok(values)
+        };
+        let missing = |tag| Error::format(place(tag), format!("{blocks} blocks"), "no such tag");
+        self.offsets = whole(offsets, reader.integers(directory, offsets)?.ok_or_else(|| missing(offsets))?)?;
+        self.counts = match reader.integers(directory, counts)? {
+            Some(values) => whole(counts, values)?,
+            // Some old writers leave the counts of uncompressed strips to the reader.
+            None if self.compression == Compression::None => (0..blocks)
+                .map(|index| {
+                    let row = (index / u64::from(self.across)) as u32;
+                    self.row_bytes().saturating_mul(u64::from(self.coded_rows(row)))
+                })
+                .collect(),
+            None => return Err(missing(counts)),
+        };
+        Ok(())
+    }
+}
+
+fn unsupported(what: impl Into<String>) -> Error {
+    Error::unsupported(
+        what,
+        if cfg!(feature = "gdal") { "GDAL does not read it either" } else { "build with --features gdal" },
+    )
+}
+
+fn side(reader: &mut Reader<'_>, directory: &Directory, tag: Tag, limits: &Limits) -> Result<u32> {
+    let value = reader.required(directory, tag)?;
+    if value == 0 {
+        return Err(Error::format(place(tag), "at least 1", 0));
+    }
+    if u64::from(value) > limits.raster_side {
+        let what = if tag == Tag::ImageWidth { "the width of the raster" } else { "the height of the raster" };
+        return Err(Error::limit(what, u64::from(value), limits.raster_side));
+    }
+    Ok(value)
+}
+
+fn block_side(reader: &mut Reader<'_>, directory: &Directory, tag: Tag) -> Result<u32> {
+    match reader.required(directory, tag)? {
+        0 => Err(Error::format(place(tag), "at least 1", 0)),
+        value => Ok(value),
+    }
+}
+
+fn rows_per_strip(reader: &mut Reader<'_>, directory: &Directory, height: u32) -> Result<u32> {
+    match reader.integer(directory, Tag::RowsPerStrip)? {
+        None => Ok(height),
+        Some(0) => Err(Error::format(place(Tag::RowsPerStrip), "at least 1", 0)),
+        Some(rows) => Ok(u32::try_from(rows).unwrap_or(u32::MAX).min(height)),
+    }
+}
+
+fn compression(reader: &mut Reader<'_>, directory: &Directory) -> Result<Compression> {
+    let name = match reader.integer(directory, Tag::Compression)?.unwrap_or(1) {
+        1 => return Ok(Compression::None),
+        5 => return Ok(Compression::Lzw),
+        8 | 32946 => return Ok(Compression::Deflate),
+        32773 => return Ok(Compression::PackBits),
+        50000 => return Ok(Compression::Zstd),
+        2..=4 | 32771 => "fax",
+        6 | 7 => "JPEG",
+        34712 => "JPEG 2000",
+        34887 => "LERC",
+        34892 => "lossy JPEG (DNG)",
+        34925 => "LZMA",
+        50001 => "WebP",
+        50002 | 52546 => "JPEG XL",
+        other => return Err(unsupported(format!("compression {other}"))),
+    };
+    Err(unsupported(format!("{name} compression")))
+}
+
+fn stored(reader: &mut Reader<'_>, directory: &Directory) -> Result<Stored> {
+    let bits = reader.integers(directory, Tag::BitsPerSample)?.unwrap_or_default();
+    let first = bits.first().copied().unwrap_or(1);
+    if bits.iter().any(|&other| other != first) {
+        return Err(unsupported(format!("bands of different widths ({bits:?} bits)")));
+    }
+    let format = reader.integer(directory, Tag::SampleFormat)?.unwrap_or(1);
+    let kind = match (first, format) {
+        (1, _) => return Ok(Stored::Bit),
+        (8, 2) => SampleType::Int8,
+        (16, 2) => SampleType::Int16,
+        (32, 2) => SampleType::Int32,
+        // Format 4 is "undefined"; GDAL takes it for unsigned too.
+        (8, 1 | 4) => SampleType::Uint8,
+        (16, 1 | 4) => SampleType::Uint16,
+        (32, 1 | 4) => SampleType::Uint32,
+        (32, 3) => SampleType::Float32,
+        (64, 3) => SampleType::Float64,
+        (bits, 1 | 4) => return Err(unsupported(format!("{bits}-bit unsigned samples"))),
+        (bits, 2) => return Err(unsupported(format!("{bits}-bit signed samples"))),
+        (bits, 3) => return Err(unsupported(format!("{bits}-bit floating-point samples"))),
+        (bits, 5 | 6) => return Err(unsupported(format!("{bits}-bit complex samples"))),
+        (_, other) => return Err(Error::format(place(Tag::SampleFormat), "1 to 6", other)),
+    };
+    Ok(Stored::Number(kind))
+}
+
+/// The predictor, where the compression knows one at all.
+fn predictor(
+    reader: &mut Reader<'_>,
+    directory: &Directory,
+    compression: Compression,
+    stored: Stored,
+) -> Result<Predictor> {
+    if matches!(compression, Compression::None | Compression::PackBits) {
+        return Ok(Predictor::None);
+    }
+    let is_float = matches!(stored, Stored::Number(kind) if kind.is_float());
+    match reader.integer(directory, Tag::Predictor)?.unwrap_or(1) {
+        1 => Ok(Predictor::None),
+        2 if stored != Stored::Bit => Ok(Predictor::Horizontal),
+        3 if is_float => Ok(Predictor::FloatingPoint),
+        number @ (2 | 3) => Err(Error::format(
+            place(Tag::Predictor),
+            "one that suits the samples",
+            format!("predictor {number} for samples of {} bits", stored.bits()),
+        )),
+        other => Err(unsupported(format!("predictor {other}"))),
+    }
+}

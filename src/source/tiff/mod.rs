@@ -1,0 +1,178 @@
+//! GeoTIFF, natively: strips and tiles, classic and big, either byte order, the compressions that DEMs come in.
+//!
+//! Band 1 of the first image is the elevation. An internal mask (or a `.msk` file beside, as GDAL writes it) comes
+//! along; overviews, further bands and alpha are passed over. The file is memory-mapped (see `mmap` for what that
+//! asks of the user), and every number in it is checked before it is used. Samples and georeference are what GDAL
+//! reads; a few things GDAL looks up outside the file (`.aux.xml`, world files) are not.
+
+mod blocks;
+mod decode;
+mod directory;
+mod georeference;
+mod layout;
+mod mmap;
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use tiff::Directory;
+use tiff::tags::Tag;
+
+use self::blocks::Band;
+use self::directory::{GDAL_METADATA, Reader};
+use self::layout::{Layout, Stored};
+use self::mmap::Map;
+use super::{Samples, Source, SourceInfo, Window, metadata};
+use crate::error::{Error, Result};
+use crate::limits::Limits;
+use crate::sample::SampleType;
+
+/// Bit of NewSubfileType: a smaller version of another image.
+const REDUCED: u64 = 1;
+/// Bit of NewSubfileType: a transparency mask.
+const MASK: u64 = 4;
+
+/// A GeoTIFF that rows can be read from.
+pub struct TiffSource {
+    path: PathBuf,
+    info: SourceInfo,
+    heights: Band,
+    mask: Option<Band>,
+}
+
+impl TiffSource {
+    /// Opens a file, reads its directories and checks them.
+    ///
+    /// A file that does not start like a TIFF is [`Error::Unsupported`], as is a TIFF that needs what is missing here.
+    pub fn open(path: &Path, limits: &Limits) -> Result<Self> {
+        Self::open_inner(path, limits).map_err(|error| error.at(path))
+    }
+
+    fn open_inner(path: &Path, limits: &Limits) -> Result<Self> {
+        let map = Arc::new(Map::open(path)?);
+        let shared = Arc::clone(&map);
+        let mut reader = Reader::new(shared.bytes(), limits)?;
+        let directories = reader.directories()?;
+        let image = directories.first().ok_or_else(|| Error::format("TIFF header", "an image", "none"))?;
+        let layout = Layout::read(&mut reader, image, limits)?;
+        let Stored::Number(kind) = layout.stored else {
+            return Err(Error::unsupported("1-bit samples", "convert it with gdal_translate -ot Byte"));
+        };
+        let info = describe(&mut reader, image, &layout, kind)?;
+        let mask = match internal_mask(&mut reader, &directories, &layout, limits)? {
+            Some(mask) => Some(Band::new(Arc::clone(&map), mask)),
+            None => external_mask(path, &layout, limits)?,
+        };
+        Ok(Self { path: path.to_owned(), info, heights: Band::new(map, layout), mask })
+    }
+
+    fn samples(&self, rows: Range<u32>) -> Result<Samples> {
+        let fill = self.info.nodata.unwrap_or(0.0);
+        let (band, whole) = (&self.heights, fill.round());
+        Ok(match self.info.sample_type {
+            SampleType::Int8 => Samples::Int8(band.rows(rows, whole as i8)?),
+            SampleType::Uint8 => Samples::Uint8(band.rows(rows, whole as u8)?),
+            SampleType::Int16 => Samples::Int16(band.rows(rows, whole as i16)?),
+            SampleType::Uint16 => Samples::Uint16(band.rows(rows, whole as u16)?),
+            SampleType::Int32 => Samples::Int32(band.rows(rows, whole as i32)?),
+            SampleType::Uint32 => Samples::Uint32(band.rows(rows, whole as u32)?),
+            SampleType::Float32 => Samples::Float32(band.rows(rows, fill as f32)?),
+            SampleType::Float64 => Samples::Float64(band.rows(rows, fill)?),
+        })
+    }
+}
+
+impl Source for TiffSource {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn read_rows(&self, rows: Range<u32>) -> Result<Window> {
+        super::check_rows(&self.info, &rows)?;
+        let read = || {
+            let samples = self.samples(rows.clone())?;
+            let mask = self.mask.as_ref().map(|mask| mask.rows(rows.clone(), 0_u8)).transpose()?;
+            Ok(Window { samples, mask })
+        };
+        read().map_err(|error: Error| error.at(&self.path))
+    }
+}
+
+fn describe(reader: &mut Reader<'_>, image: &Directory, layout: &Layout, kind: SampleType) -> Result<SourceInfo> {
+    let nodata = reader.text(image, Tag::GdalNodata)?.and_then(|text| metadata::nodata(&text, kind));
+    let items = reader.text(image, GDAL_METADATA)?.map(|xml| metadata::items(&xml)).unwrap_or_default();
+    let place = georeference::read(reader, image)?;
+    let (scale, offset) = match (items.scale, items.offset, place.scale_offset) {
+        (None, None, Some(both)) => both,
+        (scale, offset, _) => (scale.unwrap_or(1.0), offset.unwrap_or(0.0)),
+    };
+    let name = if reader.big { "GeoTIFF (big)" } else { "GeoTIFF" };
+    // Rows of an uncompressed strip can be read one by one.
+    let block_rows = if layout.is_direct() && !layout.tiled { 1 } else { layout.block_height.min(layout.height) };
+    Ok(SourceInfo {
+        width: layout.width,
+        height: layout.height,
+        sample_type: kind,
+        nodata,
+        band_scale: scale,
+        band_offset: offset,
+        vertical_unit: metadata::vertical_unit(items.unit.as_deref(), place.vertical_unit),
+        geo: place.geo,
+        description: format!("{name}, {}", layout.describe()),
+        block_rows,
+    })
+}
+
+/// The first mask of full size among the directories.
+fn internal_mask(
+    reader: &mut Reader<'_>,
+    directories: &[Directory],
+    of: &Layout,
+    limits: &Limits,
+) -> Result<Option<Layout>> {
+    for directory in directories.iter().skip(1) {
+        let kind = reader.integer(directory, Tag::NewSubfileType)?.unwrap_or(0);
+        if kind & MASK == 0 || kind & REDUCED != 0 {
+            continue;
+        }
+        let mask = Layout::read(reader, directory, limits)?;
+        if (mask.width, mask.height) == (of.width, of.height) {
+            return check_mask(mask).map(Some);
+        }
+    }
+    Ok(None)
+}
+
+fn check_mask(mask: Layout) -> Result<Layout> {
+    match mask.stored {
+        Stored::Bit | Stored::Number(SampleType::Uint8) => Ok(mask),
+        Stored::Number(kind) => {
+            Err(Error::unsupported(format!("a mask of {} samples", kind.gdal_name()), "write it with 1 or 8 bits"))
+        }
+    }
+}
+
+/// `dem.tif.msk`, where GDAL puts a mask unless told to put it inside.
+fn external_mask(path: &Path, of: &Layout, limits: &Limits) -> Result<Option<Band>> {
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".msk");
+    let beside = PathBuf::from(beside);
+    if !beside.is_file() {
+        return Ok(None);
+    }
+    let read = || {
+        let map = Arc::new(Map::open(&beside)?);
+        let shared = Arc::clone(&map);
+        let mut reader = Reader::new(shared.bytes(), limits)?;
+        let directories = reader.directories()?;
+        let image = directories.first().ok_or_else(|| Error::format("TIFF header", "an image", "none"))?;
+        let mask = check_mask(Layout::read(&mut reader, image, limits)?)?;
+        if (mask.width, mask.height) != (of.width, of.height) {
+            let expected = format!("a mask of {} x {}", of.width, of.height);
+            return Err(Error::format("size", expected, format!("{} x {}", mask.width, mask.height)));
+        }
+        Ok(Some(Band::new(map, mask)))
+    };
+    read().map_err(|error: Error| error.at(&beside))
+}

@@ -1,0 +1,107 @@
+#!/usr/bin/env bash
+# Installs what the tests need, runs every check, and ends with one line: "N passed, N failed".
+# A check other than a test (formatting, lints, documentation, dependencies) counts as one failure if it fails.
+# Exit code 0 if nothing failed, 1 otherwise. RELEVO_INSTALL_DENY=1 installs cargo-deny where it is missing.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")"
+
+passed=0
+failed=0
+failures=()
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+
+# Adds up the summaries of cargo test ("test result: ok. 8 passed; 1 failed") and of nextest ("44 passed, 1 failed,
+# 1 timed out"); prints both sums.
+count() {
+    awk '
+        /^test result:/ || /^ *Summary \[/ {
+            for (i = 1; i < NF; i++) {
+                word = $(i + 1)
+                if (word ~ /^passed/) good += $i
+                if (word ~ /^failed/ || word ~ /^timed/ || word ~ /^exec/) bad += $i
+            }
+        }
+        END { print good + 0, bad + 0 }' "$1"
+}
+
+# run NAME COMMAND...: runs a check or a test runner, counts its tests, goes on whatever comes of it.
+run() {
+    local name=$1 start=$SECONDS status=0 good bad
+    shift
+    printf '\n=== %s: %s\n' "$name" "$*"
+    "$@" 2>&1 | tee "$log" || status=$?
+    read -r good bad < <(count "$log")
+    # A runner that never got to its tests, or a check: one failure.
+    if ((status != 0 && bad == 0)); then bad=1; fi
+    passed=$((passed + good))
+    failed=$((failed + bad))
+    if ((bad > 0)); then failures+=("$name"); fi
+    printf '=== %s: %s (%d s)\n' "$name" "$( ((bad == 0)) && echo ok || echo FAILED)" $((SECONDS - start))
+}
+
+have() { command -v "$1" >/dev/null 2>&1; }
+
+# apt PACKAGE...: installs Debian packages, as root or through sudo; quiet, and false if it cannot.
+apt() {
+    have apt-get || return 1
+    local as=()
+    if [ "$(id -u)" -ne 0 ]; then
+        have sudo && sudo -n true 2>/dev/null || return 1
+        as=(sudo -n)
+    fi
+    printf 'installing: %s\n' "$*"
+    local options=(-qq -o DPkg::Lock::Timeout=120)
+    "${as[@]}" env DEBIAN_FRONTEND=noninteractive apt-get "${options[@]}" update >/dev/null 2>&1 || true
+    "${as[@]}" env DEBIAN_FRONTEND=noninteractive apt-get "${options[@]}" install -y --no-install-recommends "$@" \
+        >/dev/null 2>&1
+}
+
+# GDAL's tools are the oracle of many tests; libgdal-dev and pkg-config are all that the gdal crate needs, whose
+# bindings come with it. Python's zstandard reads containers in the test of the format description.
+install() {
+    local packages=()
+    have gdalinfo && have gdal_translate && have gdaldem || packages+=(gdal-bin)
+    have pkg-config && pkg-config --exists gdal || packages+=(libgdal-dev pkg-config)
+    have cc || packages+=(gcc libc6-dev)
+    have python3 || packages+=(python3)
+    if ((${#packages[@]})); then
+        apt "${packages[@]}" || printf 'MISSING, and could not be installed: %s\n' "${packages[*]}"
+    fi
+    python3 -c 'import zstandard' 2>/dev/null && return
+    apt python3-zstandard && python3 -c 'import zstandard' 2>/dev/null && return
+    # A python3 that is not Debian's does not see Debian's packages.
+    python3 -m pip install -q --break-system-packages zstandard >/dev/null 2>&1 ||
+        python3 -m pip install -q zstandard >/dev/null 2>&1 ||
+        echo 'MISSING, and could not be installed: the module zstandard of python3'
+}
+
+dependencies() {
+    if [ "${RELEVO_INSTALL_DENY:-0}" = 1 ] && ! have cargo-deny; then
+        cargo install --locked cargo-deny || true
+    fi
+    if have cargo-deny; then
+        run deny cargo deny --all-features check
+    elif have cargo-audit; then
+        run audit cargo audit
+    else
+        echo 'not run: cargo deny check (not installed; RELEVO_INSTALL_DENY=1 installs it)'
+    fi
+}
+
+install
+runner=(cargo test --no-fail-fast --lib --bins --tests --examples)
+if cargo nextest --version >/dev/null 2>&1; then runner=(cargo nextest run --no-fail-fast); fi
+
+run fmt cargo fmt --all --check
+run clippy cargo clippy --locked --workspace --all-targets -- -D warnings
+run clippy-all-features cargo clippy --locked --workspace --all-targets --all-features -- -D warnings
+run test "${runner[@]}" --locked --workspace
+run test-gdal "${runner[@]}" --locked --workspace --features relevo/gdal
+run doctest cargo test --locked --workspace --doc --no-fail-fast
+run doc env RUSTDOCFLAGS='-D warnings' cargo doc --locked --workspace --no-deps --document-private-items
+dependencies
+
+if ((${#failures[@]})); then printf '\nfailed: %s\n' "${failures[*]}"; else echo; fi
+printf '%d passed, %d failed\n' "$passed" "$failed"
+((failed == 0))
