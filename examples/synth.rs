@@ -34,7 +34,7 @@ struct Args {
     width: u32,
     height: u32,
     out: PathBuf,
-    float: bool,
+    sample_type: SampleType,
     sea: bool,
     voids: bool,
     seed: u32,
@@ -63,7 +63,7 @@ fn parse(mut typed: impl Iterator<Item = String>) -> Result<Args, String> {
         width: 0,
         height: 0,
         out: PathBuf::new(),
-        float: false,
+        sample_type: SampleType::Int16,
         sea: false,
         voids: false,
         seed: 1,
@@ -76,9 +76,9 @@ fn parse(mut typed: impl Iterator<Item = String>) -> Result<Args, String> {
             "--height" => height = Some(number(&value()?)?),
             "--seed" => args.seed = number(&value()?)?,
             "--type" => {
-                args.float = match value()?.as_str() {
-                    "int16" => false,
-                    "float32" => true,
+                args.sample_type = match value()?.as_str() {
+                    "int16" => SampleType::Int16,
+                    "float32" => SampleType::Float32,
                     other => return Err(format!("--type is int16 or float32, not {other}")),
                 }
             }
@@ -116,13 +116,12 @@ fn make(args: &Args) -> relevo::Result<String> {
         crs: Crs { kind: CrsKind::Projected, epsg: Some(32632), ..Crs::default() },
         ..Geo::default()
     };
-    let sample_type = if args.float { SampleType::Float32 } else { SampleType::Int16 };
     let spec = GeotiffSpec {
         nodata: args.voids.then_some(f64::from(NODATA)),
         unit: "m",
         compression: args.compression,
         force: args.force,
-        ..GeotiffSpec::new(args.width, args.height, sample_type, &geo)
+        ..GeotiffSpec::new(args.width, args.height, args.sample_type, &geo)
     };
     let mut writer = GeotiffWriter::create(&args.out, &spec)?;
     let terrain = Terrain { seed: args.seed, sea: args.sea, voids: args.voids };
@@ -133,12 +132,10 @@ fn make(args: &Args) -> relevo::Result<String> {
         let rows = rows_at_once.min(args.height - top);
         let mut heights = vec![0.0_f32; width * rows as usize];
         heights.par_chunks_exact_mut(width).zip(top..top + rows).for_each(|(row, y)| {
-            for (z, x) in row.iter_mut().zip(0..args.width) {
-                *z = terrain.sample(x, y);
-            }
+            terrain.row(y, row);
         });
         facts.add(&heights);
-        writer.write_rows(&if args.float {
+        writer.write_rows(&if args.sample_type.is_float() {
             Samples::Float32(heights)
         } else {
             Samples::Int16(heights.par_iter().map(|z| z.round() as i16).collect())
@@ -152,7 +149,7 @@ fn make(args: &Args) -> relevo::Result<String> {
         args.out.display(),
         args.width,
         args.height,
-        sample_type.gdal_name(),
+        args.sample_type.gdal_name(),
         facts.lowest,
         facts.highest,
         100.0 * facts.voids as f64 / samples,
@@ -188,6 +185,9 @@ impl Facts {
     }
 }
 
+/// Samples in a row that share what changes slowly, interpolated between its ends.
+const STRETCH: u32 = 8;
+
 /// The landscape: mountain ranges cut by valleys, hills, plains, a sea, and a radar's voids.
 struct Terrain {
     seed: u32,
@@ -195,71 +195,116 @@ struct Terrain {
     voids: bool,
 }
 
-impl Terrain {
-    /// Height of a sample in metres, or [`NODATA`].
-    fn sample(&self, column: u32, row: u32) -> f32 {
-        // Kilometres; f32 would lose the small octaves far from the origin, so noise splits cells off in f64.
-        let (x, y) = (f64::from(column) * SPACING / 1000.0, f64::from(row) * SPACING / 1000.0);
-        let (z, mountain) = self.height(x, y);
-        if self.voids && self.is_void(column, row, x, y, mountain) { NODATA } else { z }
-    }
+/// Noises with wavelengths of kilometres at one place.
+#[derive(Clone, Copy)]
+struct Slow {
+    /// By how many kilometres the plane is bent, so that nothing follows the axes of the noise: valleys meander.
+    bend: [f64; 2],
+    /// Plains below 0, mountains above.
+    region: f32,
+    /// Of the plains.
+    swell: f32,
+    /// Where voids are likely.
+    patch: f32,
+}
 
-    /// Height in metres, and how mountainous the place is (0 to 1).
-    fn height(&self, x: f64, y: f64) -> (f32, f32) {
-        // Bend the plane, so that nothing follows the axes of the noise: valleys meander.
-        let bend_x = self.noise(x / 31.0, y / 31.0, 1).value;
-        let bend_y = self.noise(x / 31.0, y / 31.0, 2).value;
-        let (x, y) = (x + 9.0 * f64::from(bend_x), y + 9.0 * f64::from(bend_y));
-        let region = self.noise(x / 83.0 + 0.37, y / 83.0 + 0.71, 3).value + 0.5 * bend_x;
-        let mountain = smooth_step(-0.22, 0.55, region);
-        let base = 240.0 + 420.0 * region;
-        let hills = self.eroded(x, y, mountain);
-        let relief = 60.0 + 2900.0 * mountain * mountain + 260.0 * mountain;
-        let mut z = base + relief * hills + self.plain(x, y) * (1.0 - mountain);
-        if self.sea {
-            z = (z - 330.0).max(0.0);
+impl Slow {
+    fn between(&self, other: &Self, part: f32) -> Self {
+        let mix = |a: f32, b: f32| a + (b - a) * part;
+        let bend = |i: usize| self.bend[i] + (other.bend[i] - self.bend[i]) * f64::from(part);
+        Self {
+            bend: [bend(0), bend(1)],
+            region: mix(self.region, other.region),
+            swell: mix(self.swell, other.swell),
+            patch: mix(self.patch, other.patch),
         }
-        (z, mountain)
+    }
+}
+
+/// Kilometres of a sample from the north-west corner.
+fn kilometres(index: u32) -> f64 {
+    f64::from(index) * (SPACING / 1000.0)
+}
+
+impl Terrain {
+    /// Heights of a row from column 0 on, in metres, or [`NODATA`].
+    fn row(&self, row: u32, heights: &mut [f32]) {
+        let y = kilometres(row);
+        let mut end = self.slow(0.0, y);
+        for (stretch, part) in (0..).zip(heights.chunks_mut(STRETCH as usize)) {
+            let first = stretch * STRETCH;
+            let begin = end;
+            end = self.slow(kilometres(first) + kilometres(STRETCH), y);
+            for (i, z) in (0..STRETCH).zip(part) {
+                let slow = begin.between(&end, i as f32 / STRETCH as f32);
+                let column = first + i;
+                *z = self.height(column, row, &slow);
+                if self.voids && self.is_void(column, row, &slow) {
+                    *z = NODATA;
+                }
+            }
+        }
     }
 
-    /// Mountains, about -0.3 to 1.2: octaves that fade where those before them are steep leave smooth valley floors and
-    /// sharp crests, as erosion does; ridges give the main crests a direction.
+    fn slow(&self, x: f64, y: f64) -> Slow {
+        let bend = [1, 2].map(|kind| self.noise(x / 31.0, y / 31.0, kind).value);
+        let [bx, by] = bend.map(|bend| 9.0 * f64::from(bend));
+        let region = self.noise((x + bx) / 83.0 + 0.37, (y + by) / 83.0 + 0.71, 3).value;
+        Slow {
+            bend: [bx, by],
+            region: region + 0.5 * bend[0],
+            swell: self.noise(x / 5.3, y / 5.3, 40).value,
+            patch: self.noise(x / 7.0, y / 7.0, 50).value,
+        }
+    }
+
+    /// Height in metres.
+    fn height(&self, column: u32, row: u32, slow: &Slow) -> f32 {
+        let (x, y) = (kilometres(column) + slow.bend[0], kilometres(row) + slow.bend[1]);
+        let mountain = smooth_step(-0.22, 0.55, slow.region);
+        let relief = 60.0 + 300.0 * mountain + 4600.0 * mountain * mountain;
+        let field = self.noise(x / 0.41, y / 0.41, 41).value * (0.5 + slow.swell.abs());
+        let plain = 26.0 * slow.swell + 4.0 * field;
+        let land =
+            240.0 + 420.0 * slow.region + relief * self.eroded(x, y, mountain) + plain * (1.0 - mountain);
+        // Grain: trees, boulders, and the noise of the instrument.
+        let grain = (self.hash(i64::from(column), i64::from(row), 60) >> 8) as f32 / (1 << 24) as f32 - 0.5;
+        let z = land + grain * (1.0 + 4.0 * mountain);
+        if self.sea { (z - 270.0).max(0.0) } else { z }
+    }
+
+    /// Mountains, about -0.3 to 0.6. Ridges give the main crests a direction; octaves that fade where those before them
+    /// are steep leave smooth slopes and rough crests and floors, as erosion does.
     fn eroded(&self, x: f64, y: f64, mountain: f32) -> f32 {
-        const TURN: (f64, f64) = (0.8, 0.6);
+        const TURN: (f64, f64) = (0.8 * 2.03, 0.6 * 2.03);
         let (mut px, mut py) = (x / 13.0, y / 13.0);
         let (mut sum, mut amplitude) = (0.0, 0.5);
         let (mut slope_x, mut slope_y) = (0.0_f32, 0.0_f32);
-        for octave in 0..10 {
+        // From 13 km down to 90 m, three samples.
+        for octave in 0..8 {
             let noise = self.noise(px, py, 10 + octave);
-            // The first octaves are ridged: folded at zero.
-            let (value, sign) = if octave < 3 {
-                (0.42 - noise.value.abs(), -noise.value.signum())
-            } else {
-                (noise.value, 1.0)
-            };
-            slope_x += sign * noise.slope_x;
-            slope_y += sign * noise.slope_y;
-            sum += amplitude * value / (1.0 + 0.55 * (slope_x * slope_x + slope_y * slope_y));
+            slope_x += noise.slope_x;
+            slope_y += noise.slope_y;
+            // The first octaves are ridged, folded at zero: crests, and valleys between them. Later ones fade on slopes.
+            sum += amplitude
+                * if octave < 3 {
+                    0.42 - 1.3 * noise.value.abs()
+                } else {
+                    1.3 * noise.value / (1.0 + 0.4 * (slope_x * slope_x + slope_y * slope_y))
+                };
             // Plains are smooth: their small octaves fade faster.
-            amplitude *= 0.40 + 0.09 * mountain;
-            (px, py) = (2.03 * (TURN.0 * px - TURN.1 * py), 2.03 * (TURN.1 * px + TURN.0 * py));
+            amplitude *= 0.40 + 0.10 * mountain;
+            (px, py) = (TURN.0 * px - TURN.1 * py, TURN.1 * px + TURN.0 * py);
         }
-        1.35 * sum + 0.18
-    }
-
-    /// Low swells, terraces and the roughness of fields and trees, in metres.
-    fn plain(&self, x: f64, y: f64) -> f32 {
-        let swell = self.noise(x / 5.3, y / 5.3, 40).value;
-        let small = self.noise(x / 0.41, y / 0.41, 41).value;
-        26.0 * swell + 4.0 * small * (0.5 + swell.abs())
+        1.2 * sum
     }
 
     /// Where a radar saw nothing: patches on steep ground, and thin streaks along the flight path.
-    fn is_void(&self, column: u32, row: u32, x: f64, y: f64, mountain: f32) -> bool {
-        let patch = self.noise(x / 7.0, y / 7.0, 50).value;
-        if patch + 0.5 * mountain > 0.35 {
+    fn is_void(&self, column: u32, row: u32, slow: &Slow) -> bool {
+        let (x, y) = (kilometres(column), kilometres(row));
+        if slow.patch + 0.8 * slow.region > 0.15 {
             let shape = self.noise(x / 0.9, y / 0.9, 51).value + 0.5 * self.noise(x / 0.3, y / 0.3, 52).value;
-            if shape > 0.62 {
+            if shape > 0.5 {
                 return true;
             }
         }
@@ -270,15 +315,17 @@ impl Terrain {
         let dice = self.hash(band as i64, piece as i64, 53);
         let wide = f64::from(1 + dice % 3);
         let (inside, far) = (across - 61.0 * band - 20.0, along - 700.0 * piece);
-        dice >> 8 < 1 << 19 && (0.0..wide).contains(&inside) && far < 100.0 + f64::from(dice % 500)
+        dice >> 8 < 1 << 20 && (0.0..wide).contains(&inside) && far < 100.0 + f64::from(dice % 500)
     }
 
     /// Gradient noise, about -0.7 to 0.7, with its slope. `kind` tells noises of one seed apart.
     #[inline]
     fn noise(&self, x: f64, y: f64, kind: u32) -> Noise {
-        let (cell_x, cell_y) = (x.floor(), y.floor());
-        let (fx, fy) = ((x - cell_x) as f32, (y - cell_y) as f32);
-        let (cx, cy) = (cell_x as i64, cell_y as i64);
+        // Truncation of a number made positive is floor, and several times as fast without SSE 4.1.
+        const POSITIVE: i64 = 1 << 30;
+        let floor = |v: f64| (v + POSITIVE as f64) as i64 - POSITIVE;
+        let (cx, cy) = (floor(x), floor(y));
+        let (fx, fy) = ((x - cx as f64) as f32, (y - cy as f64) as f32);
         let gradient = |dx: i64, dy: i64| {
             let hash = self.hash(cx + dx, cy + dy, kind);
             let part = |bits: u32| (bits & 0xffff) as f32 / 32768.0 - 1.0;

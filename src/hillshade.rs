@@ -62,7 +62,7 @@ const LAND: [(f32, [f32; 3]); 7] = [
     (0.54, [221.0, 200.0, 164.0]),
     (0.70, [203.0, 178.0, 150.0]),
     (0.85, [205.0, 194.0, 184.0]),
-    (1.00, [247.0, 246.0, 244.0]),
+    (1.00, [238.0, 236.0, 232.0]),
 ];
 /// Tint of the sea from the deepest to the shore.
 const SEA: [(f32, [f32; 3]); 4] = [
@@ -212,7 +212,7 @@ fn tone(tint: [f32; 3], light: f32) -> [u8; 3] {
         let shaded = std::array::from_fn(|i| tint[i] * SHADE[i] / 150.0);
         mix(tint, shaded, (1.0 - light).min(1.0))
     } else {
-        mix(tint, SUN, ((light - 1.0) * 1.5).min(0.85))
+        mix(tint, SUN, ((light - 1.0) * 1.1).min(0.6))
     };
     colour.map(|c| (c + 0.5) as u8)
 }
@@ -226,9 +226,9 @@ pub fn png_bytes(rgba: &[u8], width: u32, height: u32) -> Result<Vec<u8>> {
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
     encoder.set_color(png::ColorType::Rgba);
     encoder.set_depth(png::BitDepth::Eight);
-    let mut writer = encoder.write_header().map_err(refused)?;
-    writer.write_image_data(rgba).map_err(refused)?;
-    writer.finish().map_err(refused)?;
+    let mut writer = encoder.write_header().map_err(|error| refused(&error))?;
+    writer.write_image_data(rgba).map_err(|error| refused(&error))?;
+    writer.finish().map_err(|error| refused(&error))?;
     Ok(bytes)
 }
 
@@ -239,7 +239,7 @@ pub fn write_png(path: &Path, rgba: &[u8], width: u32, height: u32) -> Result<()
 }
 
 /// Writing to memory fails only for a picture that cannot be.
-fn refused(error: png::EncodingError) -> Error {
+fn refused(error: &png::EncodingError) -> Error {
     Error::usage(format!("this picture cannot be a PNG: {error}"))
 }
 

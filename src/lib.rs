@@ -4,6 +4,7 @@ pub mod codec;
 pub mod container;
 pub mod error;
 pub mod error_code;
+pub mod export;
 pub mod geo;
 pub mod geotiff_write;
 pub mod hillshade;

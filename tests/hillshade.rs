@@ -1,5 +1,7 @@
 //! Grey relief against `gdaldem hillshade`, on real terrain.
 
+#![expect(clippy::unwrap_used, clippy::panic, reason = "a test fails that way")]
+
 use std::path::Path;
 use std::process::Command;
 

@@ -5,7 +5,8 @@
 use std::cell::RefCell;
 use std::ops::RangeInclusive;
 
-use zstd::zstd_safe::{self, CCtx, CParameter, DCtx};
+use zstd::zstd_safe::zstd_sys::ZSTD_EndDirective;
+use zstd::zstd_safe::{self, CCtx, CParameter, DCtx, InBuffer, OutBuffer, ResetDirective};
 
 use crate::error::{Error, Result};
 
@@ -20,18 +21,45 @@ thread_local! {
 
 /// Appends `content` as one frame.
 pub fn compress(content: &[u8], out: &mut Vec<u8>) -> Result<()> {
+    compress_parts(content, &[], out)
+}
+
+/// Appends `content` as one frame. At the `cuts`, which ascend, new blocks start, with codes of their own: it pays where
+/// the content changes.
+pub fn compress_parts(content: &[u8], cuts: &[usize], out: &mut Vec<u8>) -> Result<()> {
     let start = out.len();
-    out.resize(start + zstd_safe::compress_bound(content.len()), 0);
+    // A block costs 3 bytes at most beyond what the bound allows for.
+    out.resize(start + zstd_safe::compress_bound(content.len()) + 8 * cuts.len(), 0);
     let written = COMPRESSOR.with_borrow_mut(|context| {
         let context = match context {
             Some(context) => context,
             None => context.insert(new_compressor()?),
         };
-        context.compress2(&mut out[start..], content)
+        if cuts.is_empty() {
+            context.compress2(&mut out[start..], content)
+        } else {
+            stream(context, content, cuts, &mut out[start..])
+        }
     });
     let written = written.map_err(|code| failed("compress", content.len(), code))?;
     out.truncate(start + written);
     Ok(())
+}
+
+/// Compresses into `out` with a new block at every cut. Gives the length.
+fn stream(context: &mut CCtx<'_>, content: &[u8], cuts: &[usize], out: &mut [u8]) -> Result<usize, usize> {
+    context.reset(ResetDirective::SessionOnly)?;
+    context.set_pledged_src_size(Some(content.len() as u64))?;
+    let mut output = OutBuffer::around(out);
+    let mut done = 0;
+    for &cut in cuts.iter().filter(|cut| **cut < content.len()) {
+        let mut input = InBuffer::around(&content[done..cut.max(done)]);
+        while context.compress_stream2(&mut output, &mut input, ZSTD_EndDirective::ZSTD_e_flush)? > 0 {}
+        done = cut.max(done);
+    }
+    let mut input = InBuffer::around(&content[done..]);
+    while context.compress_stream2(&mut output, &mut input, ZSTD_EndDirective::ZSTD_e_end)? > 0 {}
+    Ok(output.pos())
 }
 
 /// A context that writes frames of this module's kind.

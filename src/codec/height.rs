@@ -4,25 +4,36 @@
 //! predictions differs. A sample that is void and has no fill gets its prediction, so its residual of 0 costs next to
 //! nothing.
 
-use crate::codec::order::{self, Row};
-use crate::codec::predict::{Planes, Word, replace_void};
+use crate::codec::order::{self, Row, Stage};
+use crate::codec::predict::{Planes, Weights, Word, replace_void};
+use crate::codec::probe::Target;
 use crate::codec::{Scratch, bits, decimal, frame};
 use crate::error::{Error, Result};
-use crate::sample::{Coding, Lattice, VALID, VOID};
+use crate::sample::{Coding, FILLED, Lattice, VALID, VOID};
 
 /// Bytes before the byte plane.
 const HEAD: usize = 12;
 /// Flag bit 0: 32-bit arithmetic suffices.
 const NARROW: u8 = 1;
-/// A tile is narrow if its heights lie closer together than this: predictions of void samples may overshoot by 75 %.
-const NARROW_RANGE: i64 = 1 << 23;
+/// A tile is narrow if its heights lie closer together than this.
+const NARROW_RANGE: i64 = 1 << 22;
+/// The same with void samples: where they stand, centres may be up to 2.75 times as far from the base.
+const NARROW_RANGE_VOID: i64 = 1 << 20;
 
 /// What encoder and decoder do with the rows of newborn samples.
 trait Coder {
     /// Codes of the whole lattice, right for the samples that are known.
     fn codes(&self) -> &[i32];
-    /// Takes the predictions of the next row and puts the codes in their place.
+    /// The code of the next corner of the root, of which the prediction is known.
+    fn code_corner(&mut self, at: usize, prediction: i32) -> i32;
+    /// Takes the predictions of the next row and puts the codes in their place; void samples keep their predictions.
     fn code_row(&mut self, row: Row, codes: &mut [i32]);
+    /// The sharpness of a stage whose parents are set.
+    fn sharpness<W: Word>(&mut self, stage: Stage, planes: &mut Planes<W>) -> i32;
+    /// The weights of a stage whose centres are set.
+    fn weights<W: Word>(&mut self, stage: Stage, planes: &mut Planes<W>) -> Weights;
+    /// Codes the fills of the stage's void samples, when its valid samples are all known.
+    fn fill(&mut self, stage: Stage);
 }
 
 /// Buffers of [`walk`].
@@ -80,34 +91,49 @@ fn walk<W: Word>(
             replace_void(parents, valid, m);
         }
         planes.start(m, parents, base_of_root.unwrap_or(parents[0]));
+        let sharpness = coder.sharpness(stage, planes);
         for b in 0..m {
-            planes.predict_centres(b, &mut row[..m]);
+            planes.predict_centres(b, sharpness, &mut row[..m]);
             coder.code_row(stage.centres(b), &mut row[..m]);
             planes.set_centres(b, &row[..m]);
         }
         planes.finish_centres();
+        let weights = coder.weights(stage, planes);
         for b in 0..=m {
-            planes.predict_horizontals(b, &mut row[..m]);
+            planes.predict_horizontals(b, weights, &mut row[..m]);
             coder.code_row(stage.horizontals(b), &mut row[..m]);
         }
         for b in 0..m {
-            planes.predict_verticals(b, &mut row[..=m]);
+            planes.predict_verticals(b, weights, &mut row[..=m]);
             coder.code_row(stage.verticals(b), &mut row[..=m]);
         }
+        coder.fill(stage);
     }
 }
 
 /// Sends the corners of the root through `coder`, each predicted by the one before; gives the first.
 fn code_corners(n: usize, coder: &mut impl Coder) -> i32 {
-    let mut code = [0];
+    let mut code = 0;
     let mut first = None;
-    for Row { first: start, step, count } in order::corners(n, true) {
-        for corner in 0..count {
-            coder.code_row(Row { first: start + corner * step, step, count: 1 }, &mut code);
-            first.get_or_insert(code[0]);
-        }
+    for at in order::corners(n, true).flat_map(Row::indices) {
+        code = coder.code_corner(at, code);
+        first.get_or_insert(code);
     }
     first.unwrap_or(0)
+}
+
+/// The lower median of the codes of the valid samples next to a void one; `None` if there is none.
+fn lower_median(codes: &[i32], state: &[u8], stage: Stage, at: usize) -> Option<i32> {
+    let mut near = [0; 8];
+    let mut count = 0;
+    for index in stage.around(at) {
+        if state[index] == VALID && count < near.len() {
+            near[count] = codes[index];
+            count += 1;
+        }
+    }
+    near[..count].sort_unstable();
+    (count > 0).then(|| near[(count - 1) / 2])
 }
 
 /// Takes residuals of what is there.
@@ -115,6 +141,17 @@ struct Encoder<'a> {
     codes: &'a [i32],
     state: &'a [u8],
     residuals: &'a mut Vec<u32>,
+    /// Those of the last stage.
+    weights: Weights,
+    /// Weights are still to be chosen; otherwise they stay.
+    choose: bool,
+}
+
+impl Encoder<'_> {
+    /// What the samples of a stage should be.
+    fn target(&self, stage: Stage) -> Target<'_> {
+        Target { codes: self.codes, state: self.state, stage }
+    }
 }
 
 impl Coder for Encoder<'_> {
@@ -122,20 +159,67 @@ impl Coder for Encoder<'_> {
         self.codes
     }
 
+    fn code_corner(&mut self, at: usize, prediction: i32) -> i32 {
+        let residual = if self.state[at] == VOID { 0 } else { self.codes[at].wrapping_sub(prediction) };
+        self.residuals.push(bits::zigzag(residual));
+        prediction.wrapping_add(residual)
+    }
+
     fn code_row(&mut self, row: Row, codes: &mut [i32]) {
         let samples = row.of(self.codes).zip(row.of(self.state));
         self.residuals.extend(codes.iter_mut().zip(samples).map(|(code, (&actual, &state))| {
             let residual = if state == VOID { 0 } else { actual.wrapping_sub(*code) };
-            *code = code.wrapping_add(residual);
+            *code = if state == VALID { actual } else { *code };
             bits::zigzag(residual)
         }));
+    }
+
+    fn sharpness<W: Word>(&mut self, stage: Stage, planes: &mut Planes<W>) -> i32 {
+        if self.choose {
+            self.weights.sharpness = planes.choose_sharpness(self.target(stage));
+        }
+        self.weights.sharpness
+    }
+
+    fn weights<W: Word>(&mut self, stage: Stage, planes: &mut Planes<W>) -> Weights {
+        if self.choose {
+            self.weights.skew = planes.choose_skew(self.target(stage), self.weights.sharpness);
+        }
+        self.weights
+    }
+
+    fn fill(&mut self, stage: Stage) {
+        let start = self.residuals.len() - stage.newborn_count();
+        let newborn = stage.newborn().flat_map(Row::indices);
+        for (residual, at) in self.residuals[start..].iter_mut().zip(newborn) {
+            if self.state[at] == FILLED
+                && let Some(median) = lower_median(self.codes, self.state, stage, at)
+            {
+                *residual = bits::zigzag(self.codes[at].wrapping_sub(median));
+            }
+        }
     }
 }
 
 /// Adds residuals to what was predicted.
 struct Decoder<'a> {
     codes: &'a mut [i32],
+    state: &'a [u8],
+    /// False if all samples are valid: most tiles, and faster.
+    has_void: bool,
     residuals: &'a [u32],
+    /// Residuals used up.
+    used: usize,
+    weights: Weights,
+}
+
+impl Decoder<'_> {
+    /// The next `count` residuals.
+    fn take(&mut self, count: usize) -> &[u32] {
+        let start = self.used.min(self.residuals.len());
+        self.used = (start + count).min(self.residuals.len());
+        &self.residuals[start..self.used]
+    }
 }
 
 impl Coder for Decoder<'_> {
@@ -143,14 +227,47 @@ impl Coder for Decoder<'_> {
         self.codes
     }
 
+    fn code_corner(&mut self, at: usize, prediction: i32) -> i32 {
+        let residual = self.take(1).first().map_or(0, |&g| bits::unzigzag(g));
+        self.codes[at] = prediction.wrapping_add(residual);
+        self.codes[at]
+    }
+
     fn code_row(&mut self, row: Row, codes: &mut [i32]) {
-        let (residuals, rest) = self.residuals.split_at(codes.len().min(self.residuals.len()));
-        self.residuals = rest;
-        for (code, &residual) in codes.iter_mut().zip(residuals) {
-            *code = code.wrapping_add(bits::unzigzag(residual));
+        let (state, has_void) = (self.state, self.has_void);
+        let residuals = self.take(codes.len());
+        if has_void {
+            for ((code, &g), &state) in codes.iter_mut().zip(residuals).zip(row.of(state)) {
+                *code = if state == VALID { code.wrapping_add(bits::unzigzag(g)) } else { *code };
+            }
+        } else {
+            for (code, &g) in codes.iter_mut().zip(residuals) {
+                *code = code.wrapping_add(bits::unzigzag(g));
+            }
         }
         for (sample, &code) in row.of_mut(self.codes).zip(codes.iter()) {
             *sample = code;
+        }
+    }
+
+    fn sharpness<W: Word>(&mut self, _: Stage, _: &mut Planes<W>) -> i32 {
+        self.weights.sharpness
+    }
+
+    fn weights<W: Word>(&mut self, _: Stage, _: &mut Planes<W>) -> Weights {
+        self.weights
+    }
+
+    fn fill(&mut self, stage: Stage) {
+        if !self.has_void {
+            return;
+        }
+        let residuals = &self.residuals[self.used - stage.newborn_count()..self.used];
+        for (&g, at) in residuals.iter().zip(stage.newborn().flat_map(Row::indices)) {
+            if self.state[at] != VALID {
+                let prediction = lower_median(self.codes, self.state, stage, at).unwrap_or(self.codes[at]);
+                self.codes[at] = prediction.wrapping_add(bits::unzigzag(g));
+            }
         }
     }
 }
@@ -179,8 +296,16 @@ pub fn encode(
     };
     let narrow = is_narrow(codes, &lattice.state, n, root);
     scratch.residuals.clear();
-    let mut coder = Encoder { codes, state: &lattice.state, residuals: &mut scratch.residuals };
-    scratch.walk.run(narrow, &lattice.state, n, root, &mut coder);
+    let (state, residuals) = (&lattice.state, &mut scratch.residuals);
+    let mut coder = Encoder { codes, state, residuals, weights: Weights::USUAL, choose: true };
+    scratch.walk.run(narrow, state, n, root, &mut coder);
+    if root {
+        // Every stage has chosen for itself; there is room for the choice of one.
+        coder.residuals.clear();
+        coder.choose = false;
+        scratch.walk.run(narrow, state, n, root, &mut coder);
+    }
+    let weights = coder.weights;
 
     if coding.has_low() {
         gather_lows(lattice, root, &mut scratch.bytes);
@@ -188,16 +313,16 @@ pub fn encode(
         scratch.bytes.clear();
     }
     let all_zero = scratch.residuals.iter().all(|&g| g == 0) && scratch.bytes.iter().all(|&byte| byte == 0);
-    if all_zero && transform == 0 {
+    if all_zero && transform == 0 && weights == Weights::USUAL {
         return Ok(());
     }
     let k = bits::choose_k(&scratch.residuals, &mut scratch.histogram);
     let start = out.len();
-    out.extend_from_slice(&[if narrow { NARROW } else { 0 }, k as u8, transform, 0]);
+    out.extend_from_slice(&[if narrow { NARROW } else { 0 }, k as u8, transform, weights.byte()]);
     out.extend_from_slice(&[0; 8]);
     scratch.raw.clear();
     bits::write_plane(&scratch.residuals, k, &mut scratch.raw);
-    frame::compress(&scratch.raw, out)?;
+    frame::compress_parts(&scratch.raw, &order::cuts(n, root), out)?;
     let plane_length = (out.len() - start - HEAD) as u32;
     bits::write_raw(&scratch.residuals, k, out);
     let lows_start = out.len();
@@ -239,8 +364,10 @@ pub fn decode(
         scratch.decimals.extend(lattice.code.iter().map(|&code| decimal::q_from_code(code, scale)));
     }
     let codes = if scale.is_some() { &mut scratch.decimals } else { &mut lattice.code };
-    let mut coder = Decoder { codes, residuals: &scratch.residuals };
-    scratch.walk.run(parts.narrow, &lattice.state, n, root, &mut coder);
+    let (state, residuals) = (&lattice.state, &scratch.residuals);
+    let has_void = state.iter().any(|&state| state != VALID);
+    let mut coder = Decoder { codes, state, has_void, residuals, used: 0, weights: parts.weights };
+    scratch.walk.run(parts.narrow, state, n, root, &mut coder);
     if let Some(scale) = scale {
         for row in order::newborn(n, root) {
             for (code, &q) in row.of_mut(&mut lattice.code).zip(row.of(&scratch.decimals)) {
@@ -266,6 +393,7 @@ struct Parts<'a> {
     narrow: bool,
     k: u32,
     transform: u8,
+    weights: Weights,
     /// `None` if all residuals are 0.
     plane: Option<&'a [u8]>,
     raw: &'a [u8],
@@ -276,17 +404,29 @@ impl<'a> Parts<'a> {
     /// Checks the head and the lengths of a chunk for `count` newborn samples.
     fn split(chunk: &'a [u8], coding: Coding, count: usize) -> Result<Self> {
         if chunk.is_empty() {
-            return Ok(Self { narrow: false, k: 0, transform: 0, plane: None, raw: &[], lows: None });
+            let weights = Weights::USUAL;
+            return Ok(Self {
+                narrow: false,
+                k: 0,
+                transform: 0,
+                weights,
+                plane: None,
+                raw: &[],
+                lows: None,
+            });
         }
-        let Some((&[flags, k, transform, reserved, a0, a1, a2, a3, b0, b1, b2, b3], body)) =
+        let Some((&[flags, k, transform, weights, a0, a1, a2, a3, b0, b1, b2, b3], body)) =
             chunk.split_first_chunk::<HEAD>()
         else {
             return Err(Error::format("heights chunk", format!("at least {HEAD} bytes"), chunk.len()));
         };
-        if flags & !NARROW != 0 || reserved != 0 {
-            let got = format!("flags {flags:#04x}, reserved byte {reserved:#04x}");
-            return Err(Error::format("heights chunk", "reserved bits of 0", got));
+        if flags & !NARROW != 0 {
+            return Err(Error::format("heights chunk", "reserved flags of 0", format!("{flags:#04x}")));
         }
+        let Some(weights) = Weights::from_byte(weights) else {
+            let expected = "weights with a sharpness of 0 to 7 and a skew of -7 to 7";
+            return Err(Error::format("heights chunk", expected, format!("{weights:#04x}")));
+        };
         if u32::from(k) > bits::MAX_RAW_BITS {
             return Err(Error::format("heights chunk", format!("k of 0 to {}", bits::MAX_RAW_BITS), k));
         }
@@ -313,7 +453,8 @@ impl<'a> Parts<'a> {
         let (plane, rest) = body.split_at(a as usize);
         let (raw, lows) = rest.split_at(raw_length);
         let lows = coding.has_low().then_some(lows);
-        Ok(Self { narrow: flags & NARROW != 0, k: u32::from(k), transform, plane: Some(plane), raw, lows })
+        let narrow = flags & NARROW != 0;
+        Ok(Self { narrow, k: u32::from(k), transform, weights, plane: Some(plane), raw, lows })
     }
 }
 
@@ -347,7 +488,8 @@ fn is_narrow(codes: &[i32], state: &[u8], n: usize, root: bool) -> bool {
         .take(1)
         .any(|first| (0..=first.m).any(|b| first.parents(b).of(state).any(|&state| state == VALID)));
     let (low, high) = if base_is_height && has_parent { (low, high) } else { (low.min(0), high.max(0)) };
-    i64::from(high) - i64::from(low) < NARROW_RANGE
+    let limit = if state.contains(&VOID) { NARROW_RANGE_VOID } else { NARROW_RANGE };
+    i64::from(high) - i64::from(low) < limit
 }
 
 /// The lows of all newborn samples, byte by byte; 0 for those without a height.

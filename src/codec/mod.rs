@@ -15,6 +15,7 @@ mod bits;
 mod decimal;
 mod order;
 mod predict;
+mod probe;
 #[cfg(test)]
 mod tests;
 

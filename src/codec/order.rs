@@ -12,6 +12,11 @@ pub struct Row {
 }
 
 impl Row {
+    /// Indices of the row's samples.
+    pub fn indices(self) -> impl Iterator<Item = usize> {
+        (0..self.count).map(move |a| self.first + a * self.step)
+    }
+
     /// The row's samples of `plane`, a plane of the lattice.
     pub fn of<T>(self, plane: &[T]) -> impl Iterator<Item = &T> {
         plane[self.first..].iter().step_by(self.step).take(self.count)
@@ -55,6 +60,24 @@ impl Stage {
         self.row(0, 2 * b + 1, self.m + 1)
     }
 
+    /// How many newborn samples the stage has.
+    pub fn newborn_count(self) -> usize {
+        self.m * self.m + 2 * self.m * (self.m + 1)
+    }
+
+    /// The up to eight samples of the refined lattice around one of them.
+    pub fn around(self, at: usize) -> impl Iterator<Item = usize> {
+        let width = self.n + 1;
+        let (x, y) = ((at % width) as isize, (at / width) as isize);
+        let (half, n) = (self.half as isize, self.n as isize);
+        const AROUND: [(isize, isize); 8] =
+            [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
+        let places = AROUND.into_iter().map(move |(dx, dy)| (x + dx * half, y + dy * half));
+        places
+            .filter(move |(x, y)| (0..=n).contains(x) && (0..=n).contains(y))
+            .map(move |(x, y)| y as usize * width + x as usize)
+    }
+
     /// Every second sample from column `x`, row `y` of the refined lattice on.
     fn row(self, x: usize, y: usize, count: usize) -> Row {
         Row { first: (y * (self.n + 1) + x) * self.half, step: 2 * self.half, count }
@@ -89,6 +112,13 @@ pub fn newborn(n: usize, root: bool) -> impl Iterator<Item = Row> {
 /// How many newborn samples a tile has.
 pub fn newborn_count(n: usize, root: bool) -> usize {
     if root { (n + 1) * (n + 1) } else { (n + 1) * (n + 1) - (n / 2 + 1) * (n / 2 + 1) }
+}
+
+/// Where the order changes from a plane to another of about the same size: after C and after H of the last stage, at
+/// the end of V.
+pub fn cuts(n: usize, root: bool) -> [usize; 3] {
+    let (end, edges) = (newborn_count(n, root), n / 2 * (n / 2 + 1));
+    [end - 2 * edges, end - edges, end]
 }
 
 #[cfg(test)]

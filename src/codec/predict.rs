@@ -3,6 +3,8 @@
 //! Samples stand in planes with one sample of padding around them, so that every row is predicted by the same
 //! branch-free loop. The arithmetic is generic: 64 bits always suffice, 32 bits do for a *narrow* tile.
 
+use crate::codec::probe::Probe;
+
 /// Integers that predictions are computed in. All operations wrap.
 pub trait Word: Copy + Default {
     /// A code, relative to `base`.
@@ -15,6 +17,10 @@ pub trait Word: Copy + Default {
     fn minus(self, other: Self) -> Self;
     /// `self * 2^bits`.
     fn up(self, bits: u32) -> Self;
+    /// `self * factor`.
+    fn times(self, factor: i32) -> Self;
+    /// `|self|`.
+    fn magnitude(self) -> u64;
     /// `floor((self + 2^(bits - 1)) / 2^bits)`.
     fn rounded_down(self, bits: u32) -> Self;
 }
@@ -39,6 +45,14 @@ impl Word for i32 {
     #[inline(always)]
     fn up(self, bits: u32) -> Self {
         self << bits
+    }
+    #[inline(always)]
+    fn times(self, factor: i32) -> Self {
+        self.wrapping_mul(factor)
+    }
+    #[inline(always)]
+    fn magnitude(self) -> u64 {
+        u64::from(self.unsigned_abs())
     }
     #[inline(always)]
     fn rounded_down(self, bits: u32) -> Self {
@@ -66,6 +80,14 @@ impl Word for i64 {
     #[inline(always)]
     fn up(self, bits: u32) -> Self {
         self << bits
+    }
+    #[inline(always)]
+    fn times(self, factor: i32) -> Self {
+        self.wrapping_mul(Self::from(factor))
+    }
+    #[inline(always)]
+    fn magnitude(self) -> u64 {
+        self.unsigned_abs()
     }
     #[inline(always)]
     fn rounded_down(self, bits: u32) -> Self {
@@ -130,6 +152,33 @@ fn beyond<W: Word>(last: W, before: W) -> W {
     last.up(1).minus(before)
 }
 
+/// How far predictions reach beyond the mean of the four nearest samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Weights {
+    /// 0: the mean of the four nearest; up to 7: the eight around them count against it more and more.
+    pub sharpness: i32,
+    /// Above 0 samples to the east and west count more (up to 7), below 0 those to the north and south (down to -7).
+    pub skew: i32,
+}
+
+impl Weights {
+    /// What suits most terrain.
+    pub const USUAL: Self = Self { sharpness: 5, skew: 0 };
+    /// Range of both.
+    pub const MAX: i32 = 7;
+
+    /// From a chunk's byte; `None` if there are no such weights.
+    pub fn from_byte(byte: u8) -> Option<Self> {
+        let weights = Self { sharpness: i32::from(byte & 15), skew: i32::from(byte >> 4) - 8 };
+        (weights.sharpness <= Self::MAX && weights.skew >= -Self::MAX).then_some(weights)
+    }
+
+    /// The byte of a chunk.
+    pub fn byte(self) -> u8 {
+        (self.sharpness | (self.skew + 8) << 4) as u8
+    }
+}
+
 /// The planes that one stage predicts from.
 #[derive(Default)]
 pub struct Planes<W> {
@@ -138,7 +187,36 @@ pub struct Planes<W> {
     /// `C`, `m^2`, padded.
     centres: Plane<W>,
     /// Subtracted from all codes before they become words.
-    base: i32,
+    pub(super) base: i32,
+    /// Room for a probe.
+    pub(super) probe: Probe<W>,
+}
+
+/// Sums of neighbours, of which predictions are made.
+pub struct Sums<W> {
+    /// The four nearest.
+    pub near: W,
+    /// Twice those less the eight around them.
+    pub bend: W,
+    /// Four times east and west less north and south, likewise less the eight around them.
+    pub tilt: W,
+}
+
+impl<W: Word> Sums<W> {
+    /// From the two nearest and the four farther samples to the east and west, and to the north and south.
+    #[inline(always)]
+    fn new(near: [W; 2], far: [W; 2]) -> Self {
+        let (sum, rest) = (near[0].plus(near[1]), far[0].plus(far[1]));
+        let tilt = near[0].minus(near[1]).up(2).minus(far[0].minus(far[1]));
+        Self { near: sum, bend: sum.up(1).minus(rest), tilt }
+    }
+
+    /// The prediction.
+    #[inline(always)]
+    fn weighted(&self, weights: Weights) -> W {
+        let straight = self.near.up(5).plus(self.bend.times(weights.sharpness));
+        straight.plus(self.tilt.times(weights.skew)).rounded_down(7)
+    }
 }
 
 impl<W: Word> Planes<W> {
@@ -164,8 +242,41 @@ impl<W: Word> Planes<W> {
     }
 
     /// Predicts row `b` of the centres.
-    pub fn predict_centres(&self, b: usize, out: &mut [i32]) {
-        let m = out.len();
+    pub fn predict_centres(&self, b: usize, sharpness: i32, out: &mut [i32]) {
+        let weights = Weights { sharpness, skew: 0 };
+        let base = self.base;
+        self.centres(b, out.len(), |a, sums| out[a] = sums.weighted(weights).code(base));
+    }
+
+    /// Predicts row `b` of H.
+    pub fn predict_horizontals(&self, b: usize, weights: Weights, out: &mut [i32]) {
+        let (m, base) = (out.len(), self.base);
+        if b == 0 || b == m {
+            let (ww, w, e, ee) = quartet(self.parents.padded(b + 1), m);
+            for a in 0..m {
+                out[a] = four_taps(w[a].plus(e[a]), ww[a].plus(ee[a])).code(base);
+            }
+        } else {
+            self.horizontals(b, m, |a, sums| out[a] = sums.weighted(weights).code(base));
+        }
+    }
+
+    /// Predicts row `b` of V, of `m + 1` samples.
+    pub fn predict_verticals(&self, b: usize, weights: Weights, out: &mut [i32]) {
+        let (m, base) = (out.len() - 1, self.base);
+        let (above, upper) = (self.parents.padded(b), self.parents.padded(b + 1));
+        let (lower, below) = (self.parents.padded(b + 2), self.parents.padded(b + 3));
+        for a in [0, m] {
+            let (near, far) = (upper[a + 1].plus(lower[a + 1]), above[a + 1].plus(below[a + 1]));
+            out[a] = four_taps(near, far).code(base);
+        }
+        let inner = &mut out[1..m];
+        self.verticals(b, inner.len(), |a, sums| inner[a] = sums.weighted(weights).code(base));
+    }
+
+    /// The neighbours of row `b` of the centres.
+    #[inline(always)]
+    pub(super) fn centres(&self, b: usize, m: usize, mut take: impl FnMut(usize, Sums<W>)) {
         let (above, upper) = (self.parents.padded(b), self.parents.padded(b + 1));
         let (lower, below) = (self.parents.padded(b + 2), self.parents.padded(b + 3));
         let (above_w, above_e) = (&above[1..=m], &above[2..m + 2]);
@@ -173,69 +284,48 @@ impl<W: Word> Planes<W> {
         let (upper_ww, upper_w, upper_e, upper_ee) = quartet(upper, m);
         let (lower_ww, lower_w, lower_e, lower_ee) = quartet(lower, m);
         for a in 0..m {
-            let near = upper_w[a].plus(upper_e[a]).plus(lower_w[a]).plus(lower_e[a]);
-            let far = upper_ww[a].plus(upper_ee[a]).plus(lower_ww[a]).plus(lower_ee[a]);
-            let far = far.plus(above_w[a]).plus(above_e[a]).plus(below_w[a]).plus(below_e[a]);
-            out[a] = twelve_taps(near, far).code(self.base);
+            let near = [upper_w[a].plus(upper_e[a]), lower_w[a].plus(lower_e[a])];
+            let sides = upper_ww[a].plus(upper_ee[a]).plus(lower_ww[a]).plus(lower_ee[a]);
+            let ends = above_w[a].plus(above_e[a]).plus(below_w[a]).plus(below_e[a]);
+            take(a, Sums::new(near, [sides, ends]));
         }
     }
 
-    /// Predicts row `b` of H.
-    pub fn predict_horizontals(&self, b: usize, out: &mut [i32]) {
-        let m = out.len();
+    /// The neighbours of an inner row of H.
+    #[inline(always)]
+    pub(super) fn horizontals(&self, b: usize, m: usize, mut take: impl FnMut(usize, Sums<W>)) {
         let row = self.parents.padded(b + 1);
-        let (ww, w, e, ee) = quartet(row, m);
-        if b == 0 || b == m {
-            for a in 0..m {
-                out[a] = four_taps(w[a].plus(e[a]), ww[a].plus(ee[a])).code(self.base);
-            }
-            return;
-        }
+        let (w, e) = (&row[1..=m], &row[2..m + 2]);
         let (above, below) = (self.parents.padded(b), self.parents.padded(b + 2));
         let (above_w, above_e) = (&above[1..=m], &above[2..m + 2]);
         let (below_w, below_e) = (&below[1..=m], &below[2..m + 2]);
         let (north_w, north, north_e) = triplet(self.centres.padded(b), m);
         let (south_w, south, south_e) = triplet(self.centres.padded(b + 1), m);
         for a in 0..m {
-            let near = w[a].plus(e[a]).plus(north[a]).plus(south[a]);
-            let far = above_w[a].plus(above_e[a]).plus(below_w[a]).plus(below_e[a]);
-            let far = far.plus(north_w[a]).plus(south_w[a]).plus(north_e[a]).plus(south_e[a]);
-            out[a] = twelve_taps(near, far).code(self.base);
+            let near = [w[a].plus(e[a]), north[a].plus(south[a])];
+            let sides = north_w[a].plus(south_w[a]).plus(north_e[a]).plus(south_e[a]);
+            let ends = above_w[a].plus(above_e[a]).plus(below_w[a]).plus(below_e[a]);
+            take(a, Sums::new(near, [sides, ends]));
         }
     }
 
-    /// Predicts row `b` of V, of `m + 1` samples.
-    pub fn predict_verticals(&self, b: usize, out: &mut [i32]) {
-        let m = out.len() - 1;
-        let (above, upper) = (self.parents.padded(b), self.parents.padded(b + 1));
-        let (lower, below) = (self.parents.padded(b + 2), self.parents.padded(b + 3));
-        for a in [0, m] {
-            let (near, far) = (upper[a + 1].plus(lower[a + 1]), above[a + 1].plus(below[a + 1]));
-            out[a] = four_taps(near, far).code(self.base);
-        }
-        // Inner columns a = 1..m; the slices below start at a = 1.
-        let inner = &mut out[1..m];
-        let count = inner.len();
-        let (upper_w, upper, upper_e) = triplet(&upper[1..], count);
-        let (lower_w, lower, lower_e) = triplet(&lower[1..], count);
-        let (north, middle, south) =
-            (self.centres.padded(b), self.centres.padded(b + 1), self.centres.padded(b + 2));
+    /// The neighbours of the inner columns of row `b` of V, numbered from 0.
+    #[inline(always)]
+    pub(super) fn verticals(&self, b: usize, count: usize, mut take: impl FnMut(usize, Sums<W>)) {
+        let (upper_w, upper, upper_e) = triplet(&self.parents.padded(b + 1)[1..], count);
+        let (lower_w, lower, lower_e) = triplet(&self.parents.padded(b + 2)[1..], count);
+        let (north, south) = (self.centres.padded(b), self.centres.padded(b + 2));
+        let middle = self.centres.padded(b + 1);
         let (north_w, north_e) = (&north[1..=count], &north[2..count + 2]);
         let (west, east) = (&middle[1..=count], &middle[2..count + 2]);
         let (south_w, south_e) = (&south[1..=count], &south[2..count + 2]);
         for a in 0..count {
-            let near = upper[a].plus(lower[a]).plus(west[a]).plus(east[a]);
-            let far = upper_w[a].plus(upper_e[a]).plus(lower_w[a]).plus(lower_e[a]);
-            let far = far.plus(north_w[a]).plus(north_e[a]).plus(south_w[a]).plus(south_e[a]);
-            inner[a] = twelve_taps(near, far).code(self.base);
+            let near = [west[a].plus(east[a]), upper[a].plus(lower[a])];
+            let sides = upper_w[a].plus(upper_e[a]).plus(lower_w[a]).plus(lower_e[a]);
+            let ends = north_w[a].plus(north_e[a]).plus(south_w[a]).plus(south_e[a]);
+            take(a, Sums::new(near, [sides, ends]));
         }
     }
-}
-
-/// `(18 near - far + 32) >> 6`: four neighbours, pulled back by the eight around them.
-#[inline(always)]
-fn twelve_taps<W: Word>(near: W, far: W) -> W {
-    near.up(4).plus(near.up(1)).minus(far).rounded_down(6)
 }
 
 /// `(9 near - far + 8) >> 4`: the cubic through four samples of a line.

@@ -54,6 +54,8 @@ mod oracle {
 
     struct Planes {
         m: i64,
+        sharpness: i128,
+        skew: i128,
         p: Vec<Vec<i128>>,
         c: Vec<Vec<i128>>,
     }
@@ -74,27 +76,32 @@ mod oracle {
             let s4 = p(a, b) + p(a + 1, b) + p(a, b + 1) + p(a + 1, b + 1);
             let s8 = p(a - 1, b) + p(a - 1, b + 1) + p(a + 2, b) + p(a + 2, b + 1);
             let s8 = s8 + p(a, b - 1) + p(a + 1, b - 1) + p(a, b + 2) + p(a + 1, b + 2);
-            (18 * s4 - s8 + 32) >> 6
+            let i = self.sharpness;
+            ((32 + 2 * i) * s4 - i * s8 + 64) >> 7
         }
         fn horizontal(&self, a: i64, b: i64) -> i128 {
             let (p, c) = (|a, b| self.p(a, b), |a, b| self.c(a, b));
             if b == 0 || b == self.m {
                 return (9 * (p(a, b) + p(a + 1, b)) - p(a - 1, b) - p(a + 2, b) + 8) >> 4;
             }
-            let s4 = p(a, b) + p(a + 1, b) + c(a, b - 1) + c(a, b);
-            let s8 = p(a, b - 1) + p(a + 1, b - 1) + p(a, b + 1) + p(a + 1, b + 1);
-            let s8 = s8 + c(a - 1, b - 1) + c(a - 1, b) + c(a + 1, b - 1) + c(a + 1, b);
-            (18 * s4 - s8 + 32) >> 6
+            let (e, n) = (p(a, b) + p(a + 1, b), c(a, b - 1) + c(a, b));
+            let e4 = c(a - 1, b - 1) + c(a - 1, b) + c(a + 1, b - 1) + c(a + 1, b);
+            let n4 = p(a, b - 1) + p(a + 1, b - 1) + p(a, b + 1) + p(a + 1, b + 1);
+            self.edge(e, n, e4, n4)
         }
         fn vertical(&self, a: i64, b: i64) -> i128 {
             let (p, c) = (|a, b| self.p(a, b), |a, b| self.c(a, b));
             if a == 0 || a == self.m {
                 return (9 * (p(a, b) + p(a, b + 1)) - p(a, b - 1) - p(a, b + 2) + 8) >> 4;
             }
-            let s4 = p(a, b) + p(a, b + 1) + c(a - 1, b) + c(a, b);
-            let s8 = p(a - 1, b) + p(a - 1, b + 1) + p(a + 1, b) + p(a + 1, b + 1);
-            let s8 = s8 + c(a - 1, b - 1) + c(a, b - 1) + c(a - 1, b + 1) + c(a, b + 1);
-            (18 * s4 - s8 + 32) >> 6
+            let (e, n) = (c(a - 1, b) + c(a, b), p(a, b) + p(a, b + 1));
+            let e4 = p(a - 1, b) + p(a - 1, b + 1) + p(a + 1, b) + p(a + 1, b + 1);
+            let n4 = c(a - 1, b - 1) + c(a, b - 1) + c(a - 1, b + 1) + c(a, b + 1);
+            self.edge(e, n, e4, n4)
+        }
+        fn edge(&self, e: i128, n: i128, e4: i128, n4: i128) -> i128 {
+            let (i, j) = (self.sharpness, self.skew);
+            ((32 + 2 * i + 4 * j) * e + (32 + 2 * i - 4 * j) * n - (i + j) * e4 - (i - j) * n4 + 64) >> 7
         }
     }
 
@@ -199,7 +206,9 @@ mod oracle {
                 .map(|b| (0..=m).map(|a| lattice.state[at(a * s, b * s)] == VALID).collect())
                 .collect();
             replace(&mut p, &valid);
-            let mut planes = Planes { m: m as i64, p, c: vec![vec![0; m]; m] };
+            let weights = i128::from(chunk.get(3).copied().unwrap_or(0x85));
+            let (sharpness, skew) = (weights % 16, weights / 16 - 8);
+            let mut planes = Planes { m: m as i64, sharpness, skew, p, c: vec![vec![0; m]; m] };
             let h = s / 2;
             for b in 0..m {
                 for a in 0..m {
@@ -534,7 +543,9 @@ fn unknown_heads_are_refused() {
     let mut scratch = Scratch::default();
     let (lattice, coding) = tile(16, 0, 0, 4);
     let (heights, _) = check(&lattice, coding, false, &mut scratch);
-    for (at, value) in [(0, 2), (0, 0x80), (1, 25), (2, 1), (2, 13), (3, 1), (8, 1), (4, heights[4] + 1)] {
+    for (at, value) in
+        [(0, 2), (0, 0x80), (1, 25), (2, 1), (2, 13), (3, 0x88), (3, 0x0F), (8, 1), (4, heights[4] + 1)]
+    {
         let mut changed = heights.clone();
         changed[at] = value;
         assert!(!decode_all(&changed, &[], &lattice, coding, false, &mut scratch)[0], "byte {at} = {value}");

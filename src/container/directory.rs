@@ -386,3 +386,114 @@ fn decode_rows(bytes: &mut Bytes, ids: &[TileId], children: &[u8]) -> Result<Vec
     }
     Ok(tiles)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::container::layout::{Metric, leaf_level};
+    use crate::sample::{Coding, SampleType};
+
+    #[test]
+    fn pages_divide_the_levels_and_the_last_is_full() {
+        for leaf in 0..=26 {
+            let mut level = 0;
+            let mut depths = Vec::new();
+            while level <= leaf {
+                assert!(is_page_root(level, leaf));
+                let depth = page_depth(level, leaf);
+                assert!((1..=5).contains(&depth));
+                assert!((level + 1..level + depth).all(|between| !is_page_root(between, leaf)));
+                depths.push(depth);
+                level += depth;
+            }
+            assert_eq!(level, leaf + 1);
+            assert!(depths.iter().skip(1).all(|&depth| depth == 5), "{leaf}: {depths:?}");
+        }
+    }
+
+    fn header() -> Header {
+        Header {
+            width: 1000,
+            height: 900,
+            tile_log2: 4,
+            patch_log2: 2,
+            levels: leaf_level(1000, 900, 16),
+            metric: Metric::Bound,
+            coding: Coding::Float32,
+            source_type: SampleType::Float32,
+            band_scale: 1.0,
+            band_offset: 0.0,
+            unit_metres: 1.0,
+            quantisation_error: 0.0,
+            nodata: None,
+            transform: None,
+            tile_count: 1,
+        }
+    }
+
+    /// A page of two levels, root and its children 0, 1 and 3, with pages below two of them.
+    fn page() -> Page {
+        let row = |id: TileId, children: u8| TileEntry {
+            id,
+            children,
+            has_valid: id.x == 0,
+            has_void: true,
+            vertical: 7,
+            horizontal: 0xFF00,
+            min_m: -1.5,
+            max_m: f32::INFINITY,
+            chunks: ChunkPlace {
+                offset: u64::from(id.x) << 40,
+                lengths: [5, u32::from(id.x == 0), 9],
+                crcs: [1, u32::from(id.x == 0), 3],
+            },
+        };
+        let root = TileId::ROOT;
+        let tiles = vec![
+            row(root, 0b1011),
+            row(root.child(0), 0b0101),
+            row(root.child(1), 0),
+            row(root.child(3), 0b0001),
+        ];
+        let pages =
+            (0..3).map(|index| PageRef { offset: 100 * index, length: 50, crc: index as u32 }).collect();
+        Page::new(2, tiles, pages)
+    }
+
+    #[test]
+    fn pages_round_trip_and_know_their_tiles() {
+        let mut header = header();
+        assert_eq!(header.levels, 6);
+        assert_eq!(page_depth(0, 6), 2);
+        let page = page();
+        let bytes = page.encode();
+        assert_eq!(bytes.len(), 16 + 4 * 46 + 3 * 16);
+        assert_eq!(Page::decode(&bytes, TileId::ROOT, &header).unwrap(), page);
+        for end in 0..bytes.len() {
+            assert!(Page::decode(&bytes[..end], TileId::ROOT, &header).is_err(), "cut at {end}");
+        }
+        assert!(Page::decode(&[&bytes[..], &[0]].concat(), TileId::ROOT, &header).is_err());
+        for entry in &page.tiles {
+            assert_eq!(page.find(entry.id), Found::Tile(entry));
+        }
+        let below = |x, y, index: usize| {
+            let child = TileId::new(2, x, y);
+            assert_eq!(page.find(child), Found::Below(child, page.pages[index]));
+            assert_eq!(
+                page.find(TileId::new(6, x * 16 + 5, y * 16 + 9)),
+                Found::Below(child, page.pages[index])
+            );
+        };
+        below(0, 0, 0);
+        below(0, 1, 1);
+        below(2, 2, 2);
+        for absent in
+            [TileId::new(1, 0, 1), TileId::new(2, 1, 0), TileId::new(2, 2, 0), TileId::new(6, 63, 63)]
+        {
+            assert_eq!(page.find(absent), Found::Nothing);
+        }
+        // The same page in a raster that ends west of its second column of tiles.
+        header.width = 500;
+        assert!(Page::decode(&bytes, TileId::ROOT, &header).is_err());
+    }
+}

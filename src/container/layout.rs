@@ -1,7 +1,7 @@
-//! Header and section table (sections 3 and 4 of the specification), with what follows from them.
+//! The header (section 4 of the specification), with what follows from it.
 //!
-//! [`Header`] holds what a file says about its terrain; [`Opening`] adds what it says about itself: its length and its
-//! sections. Decoding checks every field against its range and against the others: a header that decodes is sound.
+//! [`Header`] holds what a file says about its terrain; what it says about itself is in [`super::opening`]. Decoding
+//! checks every field against its range and against the others: a header that decodes is sound.
 
 use std::fmt;
 use std::str::FromStr;
@@ -9,19 +9,10 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::bytes::Bytes;
-use super::sections::{self, SectionEntry};
 use crate::error::{Error, Result};
 use crate::sample::{Coding, SampleType};
 use crate::tile::TileId;
 
-/// First bytes of every file.
-pub const MAGIC: [u8; 8] = *b"\x89RLV\r\n\x1a\n";
-/// The version that this program writes and reads.
-pub const VERSION: u16 = 1;
-/// Bytes of the header.
-pub const HEADER_BYTES: usize = 256;
-/// Root page and metadata lie within the first so many bytes: one request opens a file.
-pub const OPENING_BYTES: u64 = 65_536;
 /// Largest number of columns or rows.
 pub const MAX_SIDE: u32 = 1 << 30;
 /// Largest leaf level: `2^30` samples of tiles of 16.
@@ -226,7 +217,7 @@ impl Header {
     }
 
     /// Fields from offset 32 to 160.
-    fn encode(&self, out: &mut Vec<u8>) {
+    pub(super) fn encode(&self, out: &mut Vec<u8>) {
         let (kind, scale, offset) = match self.coding {
             Coding::Integer { scale, offset } => (1, scale, offset),
             Coding::Float32 => (2, 1.0, 0.0),
@@ -245,7 +236,8 @@ impl Header {
         out.extend(self.tile_count.to_le_bytes());
     }
 
-    fn decode(bytes: &mut Bytes) -> Result<Self> {
+    /// The fields that [`Header::encode`] has written.
+    pub(super) fn decode(bytes: &mut Bytes) -> Result<Self> {
         let (width, height) = (bytes.u32()?, bytes.u32()?);
         let (tile_log2, patch_log2, levels) = (bytes.u8()?, bytes.u8()?, bytes.u8()?);
         let metric = match bytes.u8()? {
@@ -300,114 +292,87 @@ impl Header {
     }
 }
 
-/// Header and section table: the fixed start of a file.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Opening {
-    /// What the file says about its terrain.
-    pub header: Header,
-    /// Its sections in the order of the table.
-    pub sections: Vec<SectionEntry>,
-    /// Its length in bytes.
-    pub file_length: u64,
-}
-
-impl Opening {
-    /// Bytes of header and section table for so many sections.
-    pub fn bytes(sections: usize) -> u64 {
-        (HEADER_BYTES + sections * SectionEntry::BYTES) as u64
-    }
-
-    /// The first bytes of the file.
-    pub fn encode(&self) -> Vec<u8> {
-        let mut out = Vec::from(MAGIC);
-        out.extend(VERSION.to_le_bytes());
-        out.extend((HEADER_BYTES as u16).to_le_bytes());
-        out.extend([0; 8]);
-        out.extend((self.sections.len() as u32).to_le_bytes());
-        out.extend(self.file_length.to_le_bytes());
-        self.header.encode(&mut out);
-        out.resize(HEADER_BYTES - 4, 0);
-        let mut table = Vec::new();
-        for section in &self.sections {
-            section.encode(&mut table);
-        }
-        let mut crc = crc32fast::Hasher::new();
-        crc.update(&out);
-        crc.update(&table);
-        out.extend(crc.finalize().to_le_bytes());
-        out.extend(table);
-        out
-    }
-
-    /// Decodes the start of a file: its first [`OPENING_BYTES`], or all of it if it is shorter. `file_length` is the
-    /// length that it really has.
-    pub fn decode(start: &[u8], file_length: u64) -> Result<Self> {
-        let truncated =
-            |expected: String| Error::format("file", expected, format!("{file_length}: truncated"));
-        let magic = &start[..start.len().min(MAGIC.len())];
-        if !MAGIC.starts_with(magic) {
-            return Err(Error::format("first bytes", "those of an .rlv file", format!("{magic:02X?}")));
-        }
-        let Some((head, rest)) = start.split_at_checked(HEADER_BYTES) else {
-            return Err(truncated(format!("at least {HEADER_BYTES} bytes")));
-        };
-        let mut bytes = Bytes::new(head, "header");
-        bytes.take(MAGIC.len())?;
-        let version = bytes.u16()?;
-        if version != VERSION {
-            return Err(newer(format!("container version {version} (this one reads {VERSION})")));
-        }
-        let length = bytes.u16()?;
-        demand(usize::from(length) == HEADER_BYTES, "header length", &HEADER_BYTES.to_string(), length)?;
-        let required = bytes.u32()?;
-        bytes.u32()?;
-        let count = bytes.u32()?;
-        demand((1..=sections::MAX_SECTIONS).contains(&count), "section count", "1 to 64", count)?;
-        let stated = bytes.u64()?;
-        let table_bytes = count as usize * SectionEntry::BYTES;
-        let table = rest.get(..table_bytes).ok_or_else(|| truncated(format!("{stated} bytes")))?;
-        check_crc(head, table)?;
-        if file_length < stated {
-            return Err(truncated(format!("{stated} bytes")));
-        }
-        let excess = file_length - stated;
-        demand(
-            excess == 0,
-            "file length",
-            &stated.to_string(),
-            format!("{file_length}: {excess} trailing bytes"),
-        )?;
-        if required != 0 {
-            return Err(newer(format!("required feature bit {}", required.trailing_zeros())));
-        }
-        let header = Header::decode(&mut bytes)?;
-        let reserved = bytes.take(HEADER_BYTES - 4 - 160)?;
-        demand(reserved.iter().all(|&byte| byte == 0), "reserved bytes", "zeros", "others")?;
-        let mut bytes = Bytes::new(table, "section table");
-        let sections = (0..count).map(|_| SectionEntry::decode(&mut bytes)).collect::<Result<Vec<_>>>()?;
-        sections::check(&sections, file_length)?;
-        Ok(Self { header, sections, file_length })
-    }
-}
-
-fn check_crc(head: &[u8], table: &[u8]) -> Result<()> {
-    let (covered, stored) = head.split_at(HEADER_BYTES - 4);
-    let stored = Bytes::new(stored, "header").u32()?;
-    let mut crc = crc32fast::Hasher::new();
-    crc.update(covered);
-    crc.update(table);
-    let got = crc.finalize();
-    if got == stored {
-        return Ok(());
-    }
-    Err(Error::format("header and section table", format!("CRC {stored:08X}"), format!("{got:08X}")))
-}
-
-fn demand(is: bool, field: &str, expected: &str, got: impl ToString) -> Result<()> {
+/// Fails with the field's name unless `is`.
+pub(super) fn demand(is: bool, field: &str, expected: &str, got: impl ToString) -> Result<()> {
     if is { Ok(()) } else { Err(Error::format(format!("header, {field}"), expected, got)) }
 }
 
 /// A refusal of what a later program has written.
 pub(super) fn newer(what: String) -> Error {
     Error::unsupported(what, "written by a newer relevo; use one that knows it")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn header() -> Header {
+        Header {
+            width: 1000,
+            height: 70_000,
+            tile_log2: 8,
+            patch_log2: 6,
+            levels: leaf_level(1000, 70_000, 256),
+            metric: Metric::Paper,
+            coding: Coding::Integer { scale: 0.01, offset: -3.0 },
+            source_type: SampleType::Float32,
+            band_scale: -2.0,
+            band_offset: 0.5,
+            unit_metres: 0.3048,
+            quantisation_error: 0.005,
+            nodata: Some(-32768.0),
+            transform: Some([1.0, 2.0, 3.0, 4.0, 5.0, -6.0]),
+            tile_count: 1 << 40,
+        }
+    }
+
+    fn round_trip(header: &Header) -> Header {
+        let mut out = Vec::new();
+        header.encode(&mut out);
+        assert_eq!(out.len(), 128);
+        let mut bytes = Bytes::new(&out, "header");
+        let back = Header::decode(&mut bytes).unwrap();
+        bytes.end().unwrap();
+        back
+    }
+
+    #[test]
+    fn headers_round_trip() {
+        let full = header();
+        assert_eq!(round_trip(&full), full);
+        let bare = Header { nodata: None, transform: None, quantisation_error: 0.0, ..header() };
+        assert_eq!(round_trip(&bare), bare);
+        for coding in [Coding::Float32, Coding::Float64] {
+            assert_eq!(round_trip(&Header { coding, ..header() }).coding, coding);
+        }
+        let odd = round_trip(&Header { nodata: Some(f64::NAN), ..header() });
+        assert!(odd.nodata.is_some_and(f64::is_nan));
+    }
+
+    #[test]
+    fn the_leaf_level_is_the_least_that_covers_the_raster() {
+        for (width, height, tile, level) in [
+            (1, 1, 16, 0),
+            (17, 1, 16, 0),
+            (18, 1, 16, 1),
+            (1, 33, 16, 1),
+            (34, 33, 16, 2),
+            (65_537, 65_537, 256, 8),
+            (1 << 30, 5, 16, 26),
+        ] {
+            assert_eq!(leaf_level(width, height, tile), level, "{width} x {height}, tiles of {tile}");
+        }
+    }
+
+    #[test]
+    fn levels_keep_every_second_sample() {
+        let header = header();
+        assert_eq!(header.levels, 9);
+        assert_eq!(header.level_size(9), (1000, 70_000));
+        assert_eq!(header.level_size(8), (500, 35_000));
+        assert_eq!(header.level_size(0), (2, 137));
+        assert_eq!(header.metres(10.0), (0.5 - 2.0 * 10.0) * 0.3048);
+        assert!(header.holds(TileId::new(9, 3, 273)) && !header.holds(TileId::new(9, 4, 0)));
+        assert!(!header.holds(TileId::new(10, 0, 0)) && !header.holds(TileId::new(0, 0, 1)));
+    }
 }

@@ -1,6 +1,6 @@
 //! The container: one `.rlv` file, byte for byte as `format-spec.md` says.
 //!
-//! `layout`, `directory` and `metadata` hold the structures, each with encoding and decoding side by side (sections
+//! `opening`, `layout`, `sections`, `directory` and `metadata` hold the structures, each with encoding and decoding side by side (sections
 //! 3-4, 6, and 5 and 11 of the specification). The writer and the reader both build on them and never import each
 //! other. Nothing here knows a raster: tiles arrive and leave as chunks of bytes and as lattices.
 
@@ -11,6 +11,7 @@ pub mod directory;
 mod file;
 pub mod layout;
 pub mod metadata;
+pub mod opening;
 pub mod reader;
 pub mod sections;
 mod work;

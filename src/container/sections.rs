@@ -3,7 +3,8 @@
 //! Sections follow one another without gaps from the end of the table to the end of the file, in any order.
 
 use super::bytes::Bytes;
-use super::layout::{OPENING_BYTES, Opening, newer};
+use super::layout::newer;
+use super::opening::{OPENING_BYTES, Opening};
 use crate::error::{Error, Result};
 
 /// Most sections of a file.

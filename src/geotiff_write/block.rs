@@ -123,31 +123,17 @@ impl BlockGrid {
     }
 }
 
-/// Type and number of samples.
-pub(super) fn shape(samples: &Samples) -> (SampleType, usize) {
-    match samples {
-        Samples::Int8(v) => (SampleType::Int8, v.len()),
-        Samples::Uint8(v) => (SampleType::Uint8, v.len()),
-        Samples::Int16(v) => (SampleType::Int16, v.len()),
-        Samples::Uint16(v) => (SampleType::Uint16, v.len()),
-        Samples::Int32(v) => (SampleType::Int32, v.len()),
-        Samples::Uint32(v) => (SampleType::Uint32, v.len()),
-        Samples::Float32(v) => (SampleType::Float32, v.len()),
-        Samples::Float64(v) => (SampleType::Float64, v.len()),
-    }
-}
-
 /// Appends a range of samples, little-endian. The range lies inside.
 pub(super) fn append_le_bytes(samples: &Samples, range: Range<usize>, bytes: &mut Vec<u8>) {
     match samples {
-        Samples::Int8(v) => append(&v[range], bytes, |x| x.to_le_bytes()),
-        Samples::Uint8(v) => append(&v[range], bytes, |x| x.to_le_bytes()),
-        Samples::Int16(v) => append(&v[range], bytes, |x| x.to_le_bytes()),
-        Samples::Uint16(v) => append(&v[range], bytes, |x| x.to_le_bytes()),
-        Samples::Int32(v) => append(&v[range], bytes, |x| x.to_le_bytes()),
-        Samples::Uint32(v) => append(&v[range], bytes, |x| x.to_le_bytes()),
-        Samples::Float32(v) => append(&v[range], bytes, |x| x.to_le_bytes()),
-        Samples::Float64(v) => append(&v[range], bytes, |x| x.to_le_bytes()),
+        Samples::Int8(v) => append(&v[range], bytes, i8::to_le_bytes),
+        Samples::Uint8(v) => append(&v[range], bytes, u8::to_le_bytes),
+        Samples::Int16(v) => append(&v[range], bytes, i16::to_le_bytes),
+        Samples::Uint16(v) => append(&v[range], bytes, u16::to_le_bytes),
+        Samples::Int32(v) => append(&v[range], bytes, i32::to_le_bytes),
+        Samples::Uint32(v) => append(&v[range], bytes, u32::to_le_bytes),
+        Samples::Float32(v) => append(&v[range], bytes, f32::to_le_bytes),
+        Samples::Float64(v) => append(&v[range], bytes, f64::to_le_bytes),
     }
 }
 

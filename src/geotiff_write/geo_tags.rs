@@ -5,7 +5,7 @@ use crate::geo::{Crs, CrsKind, Geo, GeoKeys};
 
 /// "Described by other keys", where a key wants a code and there is none.
 const USER_DEFINED: u16 = 32767;
-/// GTRasterTypeGeoKey.
+/// The key `GTRasterTypeGeoKey`.
 const RASTER_TYPE: u16 = 1025;
 
 /// All tags of this module that a spec calls for.

@@ -163,7 +163,7 @@ impl GeotiffWriter {
     /// # Errors
     /// [`Error::Usage`] for samples of another type, for a part of a row, and for more rows than the spec says.
     pub fn write_rows(&mut self, samples: &Samples) -> Result<()> {
-        let (sample_type, count) = block::shape(samples);
+        let (sample_type, count) = (samples.sample_type(), samples.len());
         if sample_type != self.grid.sample_type {
             return Err(Error::usage(format!(
                 "the GeoTIFF holds {} samples, and was given {} ones",

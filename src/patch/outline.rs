@@ -16,6 +16,11 @@ mod tests;
 use crate::geo::Spacing;
 use crate::patch::distance::{HalfPoint, Nearest};
 use crate::sample::VALID;
+/// Halvings of a triangle of a leaf cell: its sides shrink to 1/32.
+const LEAF_HALVINGS: u32 = 10;
+/// Halvings of a triangle of a block: what the block hides is larger.
+const ABOVE_HALVINGS: u32 = 2;
+
 use search::{Bound, Cell, Corners, Drawing, HAS_VALID, HAS_VOID, MIXED, Pyramid};
 use shape::{Fault, Polygon, Segment, Somewhere, triangles};
 
@@ -62,7 +67,8 @@ pub fn leaf(
         (cell_bits(samples), reach(&nearest, (i % n, i / n), half, false))
     });
     let pyramid = Pyramid::new(n, reach);
-    let mut cell = LeafCell { state, n, nearest: &nearest, half, segments: Vec::new() };
+    let known = [vec![f64::INFINITY; n * n], vec![f64::INFINITY; n * n]];
+    let mut cell = LeafCell { state, n, nearest: &nearest, half, segments: Vec::new(), cells: Vec::new(), known };
     let spacings = errors.steps.iter_mut().zip((0..=p).map(|level| (level, p))).skip(1);
     let spacings = spacings.chain(errors.ahead.iter_mut().zip((p + 1..=top).map(|level| (level, level))));
     for (row_by_row, (level, root)) in spacings {
@@ -195,6 +201,10 @@ struct LeafCell<'a> {
     nearest: &'a Nearest,
     half: (f64, f64),
     segments: Vec<Segment>,
+    /// Cells whose pieces are collected.
+    cells: Vec<(usize, usize)>,
+    /// For each fault and cell, what was found out about the whole cell at another spacing: an upper bound.
+    known: [Vec<f64>; 2],
 }
 
 impl LeafCell<'_> {
@@ -207,6 +217,7 @@ impl LeafCell<'_> {
     /// Collects the pieces of the outline near a cell.
     fn collect(&mut self, at: (usize, usize)) {
         self.segments.clear();
+        self.cells.clear();
         let (nearest, n) = (self.nearest, self.n);
         around(nearest, n, at, |[fx, fy]| {
             // A vertex on a side belongs to the cells on both sides of it.
@@ -217,7 +228,10 @@ impl LeafCell<'_> {
             let ((west, east), (north, south)) = (cells(fx), cells(fy));
             for y in north..=south {
                 for x in west..=east {
-                    self.push_segments(at, (x, y));
+                    if !self.cells.contains(&(x, y)) {
+                        self.cells.push((x, y));
+                        self.push_segments(at, (x, y));
+                    }
                 }
             }
         });
@@ -250,15 +264,32 @@ impl Cell for LeafCell<'_> {
     fn look(&mut self, at: (usize, usize), drawn: Corners, bound: &mut Bound) {
         let full = self.full(at.0, at.1);
         let size = (2.0 * self.half.0, 2.0 * self.half.1);
-        self.segments.clear();
-        for triangle in triangles((at.0 + at.1) % 2 == 0) {
-            for fault in [Fault::Shown, Fault::Hidden] {
-                if let Some(polygon) = Polygon::misdrawn(triangle, size, full, drawn, fault) {
-                    if self.segments.is_empty() {
-                        self.collect(at);
-                    }
-                    polygon.farthest(&self.segments, bound);
+        let known = at.1 * self.n + at.0;
+        for fault in [Fault::Shown, Fault::Hidden] {
+            if bound.settles(self.known[fault as usize][known]) {
+                continue;
+            }
+            let parts = triangles((at.0 + at.1) % 2 == 0)
+                .map(|triangle| Polygon::misdrawn(triangle, size, full, drawn, fault));
+            if parts.iter().all(Option::is_none) {
+                continue;
+            }
+            // The cell's own pieces often say enough.
+            self.segments.clear();
+            self.push_segments(at, at);
+            let own = parts.iter().flatten().map(|part| part.at_most(&self.segments)).fold(0.0, f64::max);
+            let top = if bound.settles(own) {
+                own
+            } else {
+                self.collect(at);
+                let mut part = bound.part();
+                for polygon in parts.iter().flatten() {
+                    polygon.farthest(&mut self.segments, LEAF_HALVINGS, &mut part);
                 }
+                bound.join(part)
+            };
+            if drawn.iter().all(|&value| fault.concerns(value)) {
+                self.known[fault as usize][known] = top;
             }
         }
     }
@@ -325,7 +356,7 @@ impl Cell for AboveCell<'_> {
                 self.collect(at, fault);
             }
             for polygon in parts.iter().flatten() {
-                polygon.farthest(&self.places, bound);
+                polygon.farthest(&mut self.places, ABOVE_HALVINGS, bound);
             }
         }
     }

@@ -155,10 +155,9 @@ impl Plan {
         row: &TileRow,
         south: Option<&TileRow>,
     ) -> Vec<Vec<Fill>> {
-        let near = |other: Option<&'_ TileRow>, y: Option<u32>| other.filter(|o| Some(o.y) == y).map(|o| &o.tiles);
         // A leaf settles every spacing up to its size; above, only the size itself is new.
         let from = if level == self.levels { 1 } else { self.tile };
-        let rows = [near(north, row.y.checked_sub(1)), Some(&row.tiles), near(south, row.y.checked_add(1))];
+        let rows = [tiles_at(north, row.y.checked_sub(1)), Some(&row.tiles), tiles_at(south, row.y.checked_add(1))];
         (0..row.tiles.len())
             .into_par_iter()
             .map(|x| {
@@ -170,4 +169,9 @@ impl Plan {
             })
             .collect()
     }
+}
+
+/// Tiles of a neighbouring row, if it is the row `y`.
+fn tiles_at(row: Option<&TileRow>, y: Option<u32>) -> Option<&Vec<Option<Work>>> {
+    row.filter(|row| Some(row.y) == y).map(|row| &row.tiles)
 }

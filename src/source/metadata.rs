@@ -13,8 +13,8 @@ pub(crate) fn number(text: &str) -> Option<f64> {
         return Some(if text.starts_with('-') { -value } else { value });
     }
     // No longer prefix is worth a try: GDAL writes 18 digits.
-    let ends = (1..=text.len().min(64)).rev().filter(|&end| text.is_char_boundary(end));
-    ends.filter_map(|end| text[..end].trim_end().parse().ok()).next()
+    let mut ends = (1..=text.len().min(64)).rev().filter(|&end| text.is_char_boundary(end));
+    ends.find_map(|end| text[..end].trim_end().parse().ok())
 }
 
 /// The nodata value of GDAL's tag, rounded as the samples are: a float32 raster holds no other value.
@@ -46,7 +46,8 @@ pub(crate) fn items(xml: &str) -> Items {
         if attribute(attributes, "sample") != Some("0") {
             continue;
         }
-        let text = unescape(rest.split_once("</Item").map_or(rest, |(text, _)| text));
+        // GDAL escapes values twice.
+        let text = unescape(&unescape(rest.split_once("</Item").map_or(rest, |(text, _)| text)));
         match attribute(attributes, "role") {
             Some("scale") => found.scale = number(&text),
             Some("offset") => found.offset = number(&text),
@@ -68,7 +69,11 @@ fn attribute<'a>(attributes: &'a str, name: &str) -> Option<&'a str> {
 }
 
 fn unescape(text: &str) -> String {
-    text.replace("&lt;", "<").replace("&gt;", ">").replace("&quot;", "\"").replace("&apos;", "'").replace("&amp;", "&")
+    text.replace("&lt;", "<")
+        .replace("&gt;", ">")
+        .replace("&quot;", "\"")
+        .replace("&apos;", "'")
+        .replace("&amp;", "&")
 }
 
 /// Metres of a vertical unit by one of the names that GDAL and the EPSG dataset use; `None` if it is none of them.
@@ -76,8 +81,9 @@ pub(crate) fn metres_of(unit: &str) -> Option<f64> {
     Some(match unit.trim().to_ascii_lowercase().as_str() {
         "m" | "metre" | "metres" | "meter" | "meters" | "1" => 1.0,
         "ft" | "foot" | "feet" | "international foot" | "international feet" | "foot_intl" | "ft_int" => FOOT,
-        "us survey foot" | "us survey feet" | "us-ft" | "us_ft" | "ftus" | "ft_us" | "foot_us" | "us foot"
-        | "us feet" | "u.s. survey foot" | "us_survey_foot" | "survey foot" | "foot us" | "sft" => US_SURVEY_FOOT,
+        "us survey foot" | "us survey feet" | "us-ft" | "us_ft" | "ftus" | "ft_us" | "foot_us"
+        | "us foot" | "us feet" | "u.s. survey foot" | "us_survey_foot" | "survey foot" | "foot us"
+        | "sft" => US_SURVEY_FOOT,
         "km" | "kilometre" | "kilometer" | "kilometres" | "kilometers" => 1000.0,
         "dm" | "decimetre" | "decimeter" | "decimetres" | "decimeters" => 0.1,
         "cm" | "centimetre" | "centimeter" | "centimetres" | "centimeters" => 0.01,
@@ -129,13 +135,16 @@ mod tests {
                    <Item name=\"SCALE\" sample=\"1\" role=\"scale\">9</Item>\n\
                    <Item name=\"UNITTYPE\" sample=\"0\" role=\"unittype\">a &lt;b&gt; &amp;amp;</Item>\n\
                    <Item name=\"sample\">0</Item><Item name=\"x";
-        let expected = Items { scale: Some(0.25), offset: Some(100.0), unit: Some("a <b> &amp;".to_owned()) };
+        let expected = Items { scale: Some(0.25), offset: Some(100.0), unit: Some("a <b> &".to_owned()) };
         assert_eq!(items(xml), expected);
     }
 
     #[test]
     fn units() {
-        assert_eq!(vertical_unit(Some("US survey foot"), None), (1200.0 / 3937.0, "US survey foot".to_owned()));
+        assert_eq!(
+            vertical_unit(Some("US survey foot"), None),
+            (1200.0 / 3937.0, "US survey foot".to_owned())
+        );
         assert_eq!(vertical_unit(Some("ft"), Some((1.0, "metre".to_owned()))).0, 0.3048);
         assert_eq!(vertical_unit(None, Some((0.3048, "foot".to_owned()))).0, 0.3048);
         assert_eq!(vertical_unit(Some("cubits"), None), (1.0, "cubits".to_owned()));

@@ -110,6 +110,7 @@ impl Samples {
     }
 
     /// The sample at an index as a float64, which holds every type exactly; NaN beyond the end.
+    #[expect(clippy::useless_conversion, reason = "of one of the eight variants only")]
     pub fn value(&self, index: usize) -> f64 {
         with_samples!(self, samples => samples.get(index).map_or(f64::NAN, |&sample| f64::from(sample)))
     }

@@ -79,8 +79,11 @@ fn datum(base: &Base) -> String {
 }
 
 fn geographic(base: &Base) -> String {
-    let height =
-        if base.axes == 3 { format!(",AXIS[\"ellipsoidal height (h)\",up,ORDER[3],{METRE}]") } else { String::new() };
+    let height = if base.axes == 3 {
+        format!(",AXIS[\"ellipsoidal height (h)\",up,ORDER[3],{METRE}]")
+    } else {
+        String::new()
+    };
     format!(
         "GEOGCRS[\"{}\",{},CS[ellipsoidal,{}],AXIS[\"geodetic latitude (Lat)\",north,ORDER[1],{DEGREE}],\
          AXIS[\"geodetic longitude (Lon)\",east,ORDER[2],{DEGREE}]{height},ID[\"EPSG\",{}]]",

@@ -1,4 +1,4 @@
-//! Branch and bound over the quadtree of a tile's cells: the largest distance of a misdrawn point, within a half per cent.
+//! Branch and bound over the quadtree of a tile's cells: the largest distance of a misdrawn point, within a per cent.
 //!
 //! A node is a square of cells. It is skipped if all that lies in it is drawn as it should be, or if nothing in it can
 //! be farther from the outline than what is found already. Validity as drawn is linear along the way down: the centre
@@ -13,27 +13,32 @@ pub(super) const HAS_VOID: u8 = 2;
 /// Both.
 pub(super) const MIXED: u8 = HAS_VALID | HAS_VOID;
 
-/// How much larger than the truth a squared distance may end up: a half per cent in the distance.
-const SLACK: f64 = 1.005 * 1.005;
+/// How much larger than the truth a squared distance may end up, by the number of triangles looked at so far: one per
+/// cent in the distance at first, more where a pattern repeats itself all over a patch and nothing can be ruled out.
+const SLACK: [(u32, f64); 3] = [(500, 1.01 * 1.01), (2_000, 1.04 * 1.04), (u32::MAX, 1.15 * 1.15)];
 
 /// Lower and upper bound of the largest squared distance met so far, square metres.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Bound {
     low: f64,
     top: f64,
+    /// Triangles looked at.
+    effort: u32,
 }
 
 impl Bound {
     /// Takes notice of a misdrawn point that is this far.
     pub(super) fn reached(&mut self, squared: f64) {
         self.low = self.low.max(squared);
+        self.effort = self.effort.saturating_add(1);
     }
 
     /// True if points that are at most this far need no closer look; they are covered then.
     pub(super) fn settles(&mut self, squared: f64) -> bool {
-        let settled = squared <= self.low * SLACK || squared <= self.top;
-        if settled && squared > self.top {
-            self.top = squared;
+        let slack = SLACK.iter().find(|(effort, _)| self.effort <= *effort).map_or(1.0, |&(_, slack)| slack);
+        let settled = squared <= self.top || squared <= self.low * slack;
+        if settled {
+            self.cover(squared);
         }
         settled
     }
@@ -41,6 +46,17 @@ impl Bound {
     /// Takes this distance as it is, without a closer look.
     pub(super) fn cover(&mut self, squared: f64) {
         self.top = self.top.max(squared);
+    }
+
+    /// The same search, for a part of the points.
+    pub(super) fn part(self) -> Self {
+        Self { top: 0.0, ..self }
+    }
+
+    /// Takes over what was found out about a part; gives the upper bound of the part.
+    pub(super) fn join(&mut self, part: Self) -> f64 {
+        *self = Self { top: self.top.max(part.top), ..part };
+        part.top
     }
 
     /// The bound in metres, rounded up.

@@ -6,16 +6,13 @@
 
 use super::search::{Bound, Corners};
 
-/// Halvings of a triangle: its sides shrink to 1/32.
-const HALVINGS: u32 = 10;
-
 /// Corners (of north-west, north-east, south-west, south-east) of the two triangles of a cell.
 pub(super) fn triangles(falling: bool) -> [[usize; 3]; 2] {
     if falling { [[0, 1, 3], [0, 3, 2]] } else { [[0, 1, 2], [1, 3, 2]] }
 }
 
 /// A thing whose distance from a point is a convex function of the point.
-pub(super) trait Convex {
+pub(super) trait Convex: Copy {
     /// Squared distance from `(x, y)`, square metres.
     fn squared(&self, point: (f64, f64)) -> f64;
 }
@@ -88,6 +85,13 @@ pub(super) enum Fault {
     Hidden,
 }
 
+impl Fault {
+    /// True if this fault is possible where validity as drawn is `drawn`.
+    pub(super) fn concerns(self, drawn: f64) -> bool {
+        if self == Self::Shown { drawn >= 0.5 } else { drawn <= 0.5 }
+    }
+}
+
 impl Polygon {
     /// The misdrawn part of a triangle of a cell of size `(dx, dy)`; `None` if there is none.
     pub(super) fn misdrawn(
@@ -148,20 +152,34 @@ impl Polygon {
         }
     }
 
-    /// Raises `bound` to the largest distance of a point of the polygon from the nearest of `things`.
-    pub(super) fn farthest(&self, things: &[impl Convex], bound: &mut Bound) {
+    /// No point of the polygon is farther than this from the nearest of `things`; infinite if there are none.
+    pub(super) fn at_most(&self, things: &[impl Convex]) -> f64 {
+        let corners = self.corners();
+        let farthest = |thing| corners.iter().map(|corner| Convex::squared(thing, corner.at)).fold(0.0, f64::max);
+        things.iter().map(farthest).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Raises `bound` to the largest distance of a point of the polygon from the nearest of `things`, which are as
+    /// they were afterwards.
+    pub(super) fn farthest(&self, things: &mut Vec<impl Convex>, halvings: u32, bound: &mut Bound) {
         let at = |i: usize| self.corners[i].at;
         for i in 2..self.len {
-            farthest([at(0), at(i - 1), at(i)], things, HALVINGS, bound);
+            farthest([at(0), at(i - 1), at(i)], things, 0, halvings, bound);
         }
     }
 }
 
-/// [`Polygon::farthest`] of a triangle.
-fn farthest(triangle: [(f64, f64); 3], things: &[impl Convex], halvings: u32, bound: &mut Bound) {
+/// [`Polygon::farthest`] of a triangle and the things from number `first` on.
+fn farthest(
+    triangle: [(f64, f64); 3],
+    things: &mut Vec<impl Convex>,
+    first: usize,
+    halvings: u32,
+    bound: &mut Bound,
+) {
     let mut top = f64::INFINITY;
     let mut near = [f64::INFINITY; 3];
-    for thing in things {
+    for thing in &things[first..] {
         let squared = triangle.map(|corner| thing.squared(corner));
         top = top.min(squared[0].max(squared[1]).max(squared[2]));
         for (near, squared) in near.iter_mut().zip(squared) {
@@ -177,9 +195,29 @@ fn farthest(triangle: [(f64, f64); 3], things: &[impl Convex], halvings: u32, bo
         return;
     }
     let [a, b, c] = longest_side_first(triangle);
+    let end = things.len();
+    keep_near([a, b, c], things, first);
     let middle = (0.5 * (a.0 + b.0), 0.5 * (a.1 + b.1));
-    farthest([a, c, middle], things, halvings - 1, bound);
-    farthest([b, c, middle], things, halvings - 1, bound);
+    farthest([a, c, middle], things, end, halvings - 1, bound);
+    farthest([b, c, middle], things, end, halvings - 1, bound);
+    things.truncate(end);
+}
+
+/// Appends those of the things from number `first` on that may be the nearest of a point of the triangle.
+fn keep_near([a, b, c]: [(f64, f64); 3], things: &mut Vec<impl Convex>, first: usize) {
+    let middle = ((a.0 + b.0 + c.0) / 3.0, (a.1 + b.1 + c.1) / 3.0);
+    let from_middle = |p: (f64, f64)| (p.0 - middle.0) * (p.0 - middle.0) + (p.1 - middle.1) * (p.1 - middle.1);
+    let radius = from_middle(a).max(from_middle(b)).max(from_middle(c)).sqrt();
+    let end = things.len();
+    let nearest = things[first..].iter().map(|thing| thing.squared(middle)).fold(f64::INFINITY, f64::min);
+    // Something farther than that from the middle is farther from any point of the triangle than the nearest is.
+    let limit = (nearest.sqrt() + 2.0 * radius) * (1.0 + 1e-9);
+    for i in first..end {
+        let thing = things[i];
+        if thing.squared(middle) <= limit * limit {
+            things.push(thing);
+        }
+    }
 }
 
 /// The triangle turned so that its longest side runs from the first to the second corner.

@@ -21,15 +21,14 @@ fn validity(state: &[u8], n: usize, s: usize, parity: bool, x: f64, y: f64) -> f
     }
 }
 
-/// Pieces of the outline in every cell, in intervals: found by sampling the sides of the triangles for 1/2.
-fn pieces(state: &[u8], n: usize) -> Vec<Vec<[(f64, f64); 2]>> {
+/// Pieces of the outline, in intervals: found by sampling the sides of the triangles for 1/2.
+fn pieces(state: &[u8], n: usize) -> Vec<[(f64, f64); 2]> {
     let at = |i: usize, j: usize| (i as f64, j as f64, state[j * (n + 1) + i] == VALID);
-    let mut cells = Vec::new();
+    let mut found = Vec::new();
     for j in 0..n {
         for i in 0..n {
             let (nw, ne, sw, se) = (at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1));
             let halves = if (i + j) % 2 == 0 { [[nw, ne, se], [nw, sw, se]] } else { [[nw, ne, sw], [ne, sw, se]] };
-            let mut cell = Vec::new();
             for [a, b, c] in halves {
                 let crossed: Vec<_> = [(a, b), (b, c), (c, a)]
                     .into_iter()
@@ -37,13 +36,12 @@ fn pieces(state: &[u8], n: usize) -> Vec<Vec<[(f64, f64); 2]>> {
                     .map(|(p, q)| (0.5 * (p.0 + q.0), 0.5 * (p.1 + q.1)))
                     .collect();
                 if let [p, q] = crossed[..] {
-                    cell.push([p, q]);
+                    found.push([p, q]);
                 }
             }
-            cells.push(cell);
         }
     }
-    cells
+    found
 }
 
 fn distance(x: f64, y: f64, [a, b]: [(f64, f64); 2], spacing: Spacing) -> f64 {
@@ -64,35 +62,35 @@ struct Oracle<'a> {
 
 impl<'a> Oracle<'a> {
     fn new(state: &'a [u8], n: usize, spacing: Spacing, density: usize) -> Self {
-        let cells = pieces(state, n);
         let side = n * density + 1;
-        let ring = |i: usize, j: usize, r: usize| {
-            let (i, j, r, n) = (i as isize, j as isize, r as isize, n as isize);
-            let rows = (j - r).max(0)..=(j + r).min(n - 1);
-            rows.flat_map(move |y| {
-                let step = if (y - j).abs() == r || r == 0 { 1 } else { 2 * r };
-                (0..=2 * r / step).map(move |k| (i - r + k * step, y))
-            })
-            .filter(move |&(x, _)| (0..n).contains(&x))
-        };
-        let mut distances = Vec::new();
-        for k in 0..side * side {
-            let (x, y) = ((k % side) as f64 / density as f64, (k / side) as f64 / density as f64);
-            let (i, j) = ((x as usize).min(n - 1), (y as usize).min(n - 1));
-            let mut best = f64::INFINITY;
-            for r in 0..n {
-                for (cx, cy) in ring(i, j, r) {
-                    for &piece in &cells[cy as usize * n + cx as usize] {
-                        best = best.min(distance(x, y, piece, spacing));
-                    }
-                }
-                if best <= r as f64 * spacing.dx.min(spacing.dy) {
-                    break;
-                }
+        let mut oracle = Self { state, n, density, distances: vec![f64::INFINITY; side * side] };
+        oracle.fill(&pieces(state, n), spacing, (0, 0, n));
+        oracle
+    }
+
+    /// Fills the square of `size` cells at `(x, y)` from the pieces that may be nearest in it.
+    fn fill(&mut self, pieces: &[[(f64, f64); 2]], spacing: Spacing, (x, y, size): (usize, usize, usize)) {
+        let half = size as f64 / 2.0;
+        let (cx, cy) = (x as f64 + half, y as f64 + half);
+        let nearest = pieces.iter().map(|&piece| distance(cx, cy, piece, spacing)).fold(f64::INFINITY, f64::min);
+        let limit = (nearest + 2.0 * (half * spacing.dx).hypot(half * spacing.dy)) * (1.0 + 1e-9);
+        let pieces: Vec<_> =
+            pieces.iter().copied().filter(|&piece| distance(cx, cy, piece, spacing) <= limit).collect();
+        if size > 1 {
+            let half = size / 2;
+            for (i, j) in [(0, 0), (half, 0), (0, half), (half, half)] {
+                self.fill(&pieces, spacing, (x + i, y + j, half));
             }
-            distances.push(best);
+            return;
         }
-        Self { state, n, density, distances }
+        for j in 0..=self.density {
+            for i in 0..=self.density {
+                let at = |cell: usize, part: usize| cell as f64 + part as f64 / self.density as f64;
+                let (px, py) = (at(x, i), at(y, j));
+                let best = pieces.iter().map(|&piece| distance(px, py, piece, spacing)).fold(f64::INFINITY, f64::min);
+                self.distances[(y * self.density + j) * (self.n * self.density + 1) + x * self.density + i] = best;
+            }
+        }
     }
 
     /// The farthest misdrawn point met, for each square of `group` intervals, drawn at spacing `s`.
@@ -325,6 +323,15 @@ fn never_below_brute_force_on_real_masks() {
     }
 }
 
+/// Milliseconds this thread has computed (Linux), or since the first call.
+fn cpu_ms() -> f64 {
+    static START: std::sync::LazyLock<std::time::Instant> = std::sync::LazyLock::new(std::time::Instant::now);
+    let elapsed = START.elapsed().as_secs_f64() * 1e3;
+    let scheduled = std::fs::read_to_string("/proc/thread-self/schedstat");
+    let nanoseconds = scheduled.ok().and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
+    nanoseconds.map_or(elapsed, |ns| ns / 1e6)
+}
+
 /// `median, p99, max` of bound / truth, and how many.
 fn summary(ratios: &mut [f64]) -> String {
     ratios.sort_by(f64::total_cmp);
@@ -352,9 +359,12 @@ fn table() {
             if valid == 0 || valid == state.len() {
                 continue;
             }
-            let start = std::time::Instant::now();
+            let start = cpu_ms();
+            for _ in 0..9 {
+                std::hint::black_box(leaf(&state, n, 64, false, spacing));
+            }
             let errors = leaf(&state, n, 64, false, spacing);
-            times.push(start.elapsed().as_secs_f64() * 1e3);
+            times.push((cpu_ms() - start) / 10.0);
             let oracle = Oracle::new(&state, n, spacing, 8);
             for k in 1..=8 {
                 let (bounds, group) =
@@ -393,16 +403,17 @@ fn times() {
     for kind in 0..12 {
         for seed in [1, 2, 3] {
             let state = mask(kind, 256, seed);
-            let start = std::time::Instant::now();
-            let errors = leaf(&state, 256, 64, false, spacing);
-            let leaf_ms = start.elapsed().as_secs_f64() * 1e3;
-            let start = std::time::Instant::now();
             let (samples, block) = coarser(&mask(kind, 512, seed), 512, 2);
-            let prepared = start.elapsed();
-            let above = above(&samples, &block, 256, 64, false, spacing);
-            let above_ms = (start.elapsed() - prepared).as_secs_f64() * 1e3;
-            let sum: f64 = errors.steps.iter().chain(&errors.ahead).flatten().chain(&above).sum();
-            println!("kind {kind:2} seed {seed}: leaf {leaf_ms:.2} ms, above {above_ms:.2} ms ({sum:.0})");
+            let start = cpu_ms();
+            for _ in 0..10 {
+                std::hint::black_box(leaf(&state, 256, 64, false, spacing));
+            }
+            let middle = cpu_ms();
+            for _ in 0..10 {
+                std::hint::black_box(above(&samples, &block, 256, 64, false, spacing));
+            }
+            let (leaf_ms, above_ms) = ((middle - start) / 10.0, (cpu_ms() - middle) / 10.0);
+            println!("kind {kind:2} seed {seed}: leaf {leaf_ms:.1} ms, above {above_ms:.1} ms");
         }
     }
 }

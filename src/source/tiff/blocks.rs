@@ -93,9 +93,9 @@ impl Band {
         let width = layout.width as usize;
         let count = width.saturating_mul(rows.len());
         let mut samples = Vec::new();
-        samples
-            .try_reserve_exact(count)
-            .map_err(|_| Error::usage(format!("not enough memory for {} rows of {width} samples", rows.len())))?;
+        samples.try_reserve_exact(count).map_err(|_| {
+            Error::usage(format!("not enough memory for {} rows of {width} samples", rows.len()))
+        })?;
         samples.resize(count, fill);
         samples.par_chunks_mut(width).zip(rows.clone()).for_each(|(out, y)| {
             let at = (y / layout.block_height - first_row) as usize * layout.across as usize;
@@ -169,7 +169,8 @@ impl Band {
         #[cfg(test)]
         self.decoded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         let packed = &file[start as usize..end as usize];
-        decode::block(layout, packed, layout.coded_rows(row), &name).map(|bytes| Block::Decoded(Arc::new(bytes)))
+        decode::block(layout, packed, layout.coded_rows(row), &name)
+            .map(|bytes| Block::Decoded(Arc::new(bytes)))
     }
 
     /// Keeps what the next band of a sweep needs.
@@ -187,11 +188,8 @@ impl Band {
         };
         let skip = (from / self.layout.block_height - first_row) as usize * self.layout.across as usize;
         let base = first_row as usize * self.layout.across as usize;
-        kept.blocks = (base..)
-            .zip(blocks)
-            .skip(skip)
-            .filter(|(_, block)| matches!(block, Block::Decoded(_)))
-            .collect();
+        kept.blocks =
+            (base..).zip(blocks).skip(skip).filter(|(_, block)| matches!(block, Block::Decoded(_))).collect();
         kept.last = Some(rows);
     }
 }

@@ -15,7 +15,9 @@ pub(super) fn block(layout: &Layout, packed: &[u8], rows: u32, name: &dyn Fn() -
     let row_bytes = layout.row_bytes() as usize;
     let expected = row_bytes * rows as usize;
     let mut bytes = Vec::new();
-    bytes.try_reserve_exact(expected).map_err(|_| Error::limit("memory for a decoded block", expected as u64, 0))?;
+    bytes
+        .try_reserve_exact(expected)
+        .map_err(|_| Error::limit("memory for a decoded block", expected as u64, 0))?;
     bytes.resize(expected, 0);
     let got = match layout.compression {
         Compression::None => {
@@ -30,7 +32,9 @@ pub(super) fn block(layout: &Layout, packed: &[u8], rows: u32, name: &dyn Fn() -
     };
     let got = got.map_err(|problem| match problem {
         Problem::Damaged(got) => Error::format(name(), format!("{expected} bytes"), got),
-        Problem::OldLzw => Error::unsupported("LZW of before 1988 (bits reversed)", "build with --features gdal"),
+        Problem::OldLzw => {
+            Error::unsupported("LZW of before 1988 (bits reversed)", "build with --features gdal")
+        }
     })?;
     if got < expected {
         return Err(Error::format(name(), format!("{expected} bytes"), format!("{got} bytes")));
@@ -67,7 +71,7 @@ fn lzw(packed: &[u8], out: &mut [u8]) -> Result<usize, Problem> {
         match result.status {
             Ok(weezl::LzwStatus::Ok) if result.consumed_in + result.consumed_out > 0 => {}
             Ok(_) => break,
-            Err(error) => return Err(Problem::Damaged(format!("{written} and then: {error}"))),
+            Err(error) => return Err(Problem::Damaged(format!("{written} bytes and then: {error}"))),
         }
     }
     Ok(written)
@@ -77,11 +81,13 @@ fn deflate(packed: &[u8], out: &mut [u8]) -> Result<usize, Problem> {
     let mut inflater = flate2::Decompress::new(true);
     let (mut read, mut written) = (0, 0);
     loop {
+        // Once more when `out` is full: the end of the stream holds a checksum of what came before.
+        let full = written == out.len();
         let status = inflater
             .decompress(&packed[read..], &mut out[written..], flate2::FlushDecompress::None)
-            .map_err(|error| Problem::Damaged(format!("{written} and then: {error}")))?;
+            .map_err(|error| Problem::Damaged(format!("{written} bytes and then: {error}")))?;
         let progress = (inflater.total_in() as usize, inflater.total_out() as usize);
-        if status == flate2::Status::StreamEnd || progress == (read, written) || progress.1 == out.len() {
+        if status == flate2::Status::StreamEnd || progress == (read, written) || full {
             return Ok(progress.1);
         }
         (read, written) = progress;
@@ -153,10 +159,18 @@ fn unpredict(layout: &Layout, kind: SampleType, bytes: &mut [u8], row_bytes: usi
         let bands = layout.bands as usize;
         for row in bytes.chunks_exact_mut(row_bytes) {
             match kind.bytes() {
-                1 => sum(row, bands, |a: [u8; 1], b| u8::from_ne_bytes(a).wrapping_add(u8::from_ne_bytes(b)).to_ne_bytes()),
-                2 => sum(row, bands, |a, b| u16::from_ne_bytes(a).wrapping_add(u16::from_ne_bytes(b)).to_ne_bytes()),
-                4 => sum(row, bands, |a, b| u32::from_ne_bytes(a).wrapping_add(u32::from_ne_bytes(b)).to_ne_bytes()),
-                _ => sum(row, bands, |a, b| u64::from_ne_bytes(a).wrapping_add(u64::from_ne_bytes(b)).to_ne_bytes()),
+                1 => sum(row, bands, |a: [u8; 1], b| {
+                    u8::from_ne_bytes(a).wrapping_add(u8::from_ne_bytes(b)).to_ne_bytes()
+                }),
+                2 => sum(row, bands, |a, b| {
+                    u16::from_ne_bytes(a).wrapping_add(u16::from_ne_bytes(b)).to_ne_bytes()
+                }),
+                4 => sum(row, bands, |a, b| {
+                    u32::from_ne_bytes(a).wrapping_add(u32::from_ne_bytes(b)).to_ne_bytes()
+                }),
+                _ => sum(row, bands, |a, b| {
+                    u64::from_ne_bytes(a).wrapping_add(u64::from_ne_bytes(b)).to_ne_bytes()
+                }),
             }
         }
     }
@@ -222,18 +236,37 @@ mod tests {
     #[test]
     fn pack_bits_of_the_specification() {
         // The example of TIFF 6.0, section 9.
-        let packed = [
-            0xFE, 0xAA, 0x02, 0x80, 0x00, 0x2A, 0xFD, 0xAA, 0x03, 0x80, 0x00, 0x2A, 0x22, 0xF7, 0xAA,
-        ];
+        let packed =
+            [0xFE, 0xAA, 0x02, 0x80, 0x00, 0x2A, 0xFD, 0xAA, 0x03, 0x80, 0x00, 0x2A, 0x22, 0xF7, 0xAA];
         let mut out = [0; 24];
         assert_eq!(pack_bits(&packed, &mut out), 24);
         let expected = [
-            0xAA, 0xAA, 0xAA, 0x80, 0x00, 0x2A, 0xAA, 0xAA, 0xAA, 0xAA, 0x80, 0x00, 0x2A, 0x22, 0xAA, 0xAA, 0xAA,
-            0xAA, 0xAA, 0xAA, 0xAA, 0xAA, 0xAA, 0xAA,
+            0xAA, 0xAA, 0xAA, 0x80, 0x00, 0x2A, 0xAA, 0xAA, 0xAA, 0xAA, 0x80, 0x00, 0x2A, 0x22, 0xAA, 0xAA,
+            0xAA, 0xAA, 0xAA, 0xAA, 0xAA, 0xAA, 0xAA, 0xAA,
         ];
         assert_eq!(out, expected);
         assert_eq!(pack_bits(&packed[..3], &mut out), 3);
         assert_eq!(pack_bits(&packed[..5], &mut out), 5);
+    }
+
+    #[test]
+    fn deflate_finds_a_wrong_checksum_and_ignores_what_follows() {
+        use std::io::Write;
+        let data: Vec<u8> = (0..10_000_u32).map(|n| ((n * n) >> 5) as u8).collect();
+        let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
+        encoder.write_all(&data).expect("memory");
+        let mut packed = encoder.finish().expect("memory");
+        let mut out = vec![0; data.len()];
+        assert!(matches!(deflate(&packed, &mut out), Ok(10_000)));
+        assert_eq!(out, data);
+        // A strip may hold more rows than the raster has left.
+        assert!(matches!(deflate(&packed, &mut out[..5000]), Ok(5000)));
+        packed.extend([1, 2, 3]);
+        assert!(matches!(deflate(&packed, &mut out), Ok(10_000)));
+        let end = packed.len() - 4;
+        packed[end] ^= 1;
+        assert!(deflate(&packed, &mut out).is_err());
+        assert!(matches!(deflate(&packed[..end / 2], &mut out), Ok(count) if count < 10_000));
     }
 
     #[test]

@@ -44,7 +44,11 @@ impl<'a> Reader<'a> {
         let (order, big) = signature(file)?;
         let header = if big { 16 } else { 8 };
         if file.len() < header {
-            return Err(Error::format("TIFF header", format!("{header} bytes"), format!("{} bytes", file.len())));
+            return Err(Error::format(
+                "TIFF header",
+                format!("{header} bytes"),
+                format!("{} bytes", file.len()),
+            ));
         }
         let number = |at: usize, bytes: usize| {
             let field = file.get(at..at + bytes).unwrap_or_default().iter();
@@ -79,12 +83,21 @@ impl<'a> Reader<'a> {
                 return Err(Error::format(place(), "a directory not seen before", "a cycle"));
             }
             if found.len() == MAX_DIRECTORIES {
-                return Err(Error::limit("the number of TIFF directories", found.len() as u64 + 1, found.len() as u64));
+                return Err(Error::limit(
+                    "the number of TIFF directories",
+                    found.len() as u64 + 1,
+                    found.len() as u64,
+                ));
             }
             if pointer.0 >= self.file_bytes {
-                return Err(Error::format(place(), format!("an offset in the {} bytes of the file", self.file_bytes), pointer.0));
+                return Err(Error::format(
+                    place(),
+                    format!("an offset in the {} bytes of the file", self.file_bytes),
+                    pointer.0,
+                ));
             }
-            let directory = self.decoder.read_directory(pointer).map_err(|error| tiff_error(place(), &error))?;
+            let directory =
+                self.decoder.read_directory(pointer).map_err(|error| tiff_error(place(), &error))?;
             next = directory.next();
             found.push(directory);
         }
@@ -100,7 +113,13 @@ impl<'a> Reader<'a> {
             Type::SHORT => each(bytes, |b| u64::from(u16::from_ne_bytes(b))),
             Type::LONG | Type::IFD => each(bytes, |b| u64::from(u32::from_ne_bytes(b))),
             Type::LONG8 | Type::IFD8 => each(bytes, u64::from_ne_bytes),
-            kind => return Err(Error::format(place(tag), "unsigned integers", format!("values of type {kind:?}"))),
+            kind => {
+                return Err(Error::format(
+                    place(tag),
+                    "unsigned integers",
+                    format!("values of type {kind:?}"),
+                ));
+            }
         };
         Ok(Some(values))
     }
@@ -112,7 +131,8 @@ impl<'a> Reader<'a> {
 
     /// An integer that must be there and fit 32 bits.
     pub(super) fn required(&mut self, directory: &Directory, tag: Tag) -> Result<u32> {
-        let value = self.integer(directory, tag)?.ok_or_else(|| Error::format(place(tag), "one value", "none"))?;
+        let value =
+            self.integer(directory, tag)?.ok_or_else(|| Error::format(place(tag), "one value", "none"))?;
         u32::try_from(value).map_err(|_| Error::limit(place(tag), value, u64::from(u32::MAX)))
     }
 
@@ -122,7 +142,9 @@ impl<'a> Reader<'a> {
         match raw.kind {
             Type::DOUBLE => Ok(Some(each(&raw.bytes, f64::from_ne_bytes))),
             Type::FLOAT => Ok(Some(each(&raw.bytes, |b| f64::from(f32::from_ne_bytes(b))))),
-            kind => Err(Error::format(place(tag), "floating-point numbers", format!("values of type {kind:?}"))),
+            kind => {
+                Err(Error::format(place(tag), "floating-point numbers", format!("values of type {kind:?}")))
+            }
         }
     }
 
@@ -229,7 +251,9 @@ fn each<const N: usize, T>(bytes: &[u8], read: impl Fn([u8; N]) -> T) -> Vec<T> 
 
 fn tiff_error(place: String, error: &TiffError) -> Error {
     let got = match error {
-        TiffError::IoError(io) if io.kind() == std::io::ErrorKind::UnexpectedEof => "the end of the file".to_owned(),
+        TiffError::IoError(io) if io.kind() == std::io::ErrorKind::UnexpectedEof => {
+            "the end of the file".to_owned()
+        }
         other => other.to_string(),
     };
     Error::format(place, "a readable value", got)

@@ -86,9 +86,10 @@ impl Layout {
         let stored = stored(reader, directory)?;
         let predictor = predictor(reader, directory, compression, stored)?;
         let samples = reader.integer(directory, Tag::SamplesPerPixel)?.unwrap_or(1);
-        let samples = u16::try_from(samples).ok().filter(|&samples| samples > 0).ok_or_else(|| {
-            Error::format(place(Tag::SamplesPerPixel), "1 to 65535", samples)
-        })?;
+        let samples = u16::try_from(samples)
+            .ok()
+            .filter(|&samples| samples > 0)
+            .ok_or_else(|| Error::format(place(Tag::SamplesPerPixel), "1 to 65535", samples))?;
         let planar = match reader.integer(directory, Tag::PlanarConfiguration)?.unwrap_or(1) {
             1 => false,
             2 => true,
@@ -174,7 +175,11 @@ impl Layout {
         let bytes = u128::from(self.row_bytes()) * u128::from(self.block_height);
         let max = if self.is_direct() { u128::from(u64::MAX) } else { u128::from(limits.block_bytes) };
         if bytes > max {
-            let what = if self.tiled { "the size of a decoded tile in bytes" } else { "the size of a decoded strip in bytes" };
+            let what = if self.tiled {
+                "the size of a decoded tile in bytes"
+            } else {
+                "the size of a decoded strip in bytes"
+            };
             return Err(Error::limit(what, u64::try_from(bytes).unwrap_or(u64::MAX), max as u64));
         }
         Ok(())
@@ -225,7 +230,8 @@ fn side(reader: &mut Reader<'_>, directory: &Directory, tag: Tag, limits: &Limit
         return Err(Error::format(place(tag), "at least 1", 0));
     }
     if u64::from(value) > limits.raster_side {
-        let what = if tag == Tag::ImageWidth { "the width of the raster" } else { "the height of the raster" };
+        let what =
+            if tag == Tag::ImageWidth { "the width of the raster" } else { "the height of the raster" };
         return Err(Error::limit(what, u64::from(value), limits.raster_side));
     }
     Ok(value)

@@ -28,9 +28,9 @@ use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
 
-/// Bit of NewSubfileType: a smaller version of another image.
+/// Bit of `NewSubfileType`: a smaller version of another image.
 const REDUCED: u64 = 1;
-/// Bit of NewSubfileType: a transparency mask.
+/// Bit of `NewSubfileType`: a transparency mask.
 const MASK: u64 = 4;
 
 /// A GeoTIFF that rows can be read from.
@@ -99,7 +99,12 @@ impl Source for TiffSource {
     }
 }
 
-fn describe(reader: &mut Reader<'_>, image: &Directory, layout: &Layout, kind: SampleType) -> Result<SourceInfo> {
+fn describe(
+    reader: &mut Reader<'_>,
+    image: &Directory,
+    layout: &Layout,
+    kind: SampleType,
+) -> Result<SourceInfo> {
     let nodata = reader.text(image, Tag::GdalNodata)?.and_then(|text| metadata::nodata(&text, kind));
     let items = reader.text(image, GDAL_METADATA)?.map(|xml| metadata::items(&xml)).unwrap_or_default();
     let place = georeference::read(reader, image)?;
@@ -109,7 +114,8 @@ fn describe(reader: &mut Reader<'_>, image: &Directory, layout: &Layout, kind: S
     };
     let name = if reader.big { "GeoTIFF (big)" } else { "GeoTIFF" };
     // Rows of an uncompressed strip can be read one by one.
-    let block_rows = if layout.is_direct() && !layout.tiled { 1 } else { layout.block_height.min(layout.height) };
+    let block_rows =
+        if layout.is_direct() && !layout.tiled { 1 } else { layout.block_height.min(layout.height) };
     Ok(SourceInfo {
         width: layout.width,
         height: layout.height,
@@ -147,9 +153,10 @@ fn internal_mask(
 fn check_mask(mask: Layout) -> Result<Layout> {
     match mask.stored {
         Stored::Bit | Stored::Number(SampleType::Uint8) => Ok(mask),
-        Stored::Number(kind) => {
-            Err(Error::unsupported(format!("a mask of {} samples", kind.gdal_name()), "write it with 1 or 8 bits"))
-        }
+        Stored::Number(kind) => Err(Error::unsupported(
+            format!("a mask of {} samples", kind.gdal_name()),
+            "write it with 1 or 8 bits",
+        )),
     }
 }
 
@@ -175,4 +182,62 @@ fn external_mask(path: &Path, of: &Layout, limits: &Limits) -> Result<Option<Ban
         Ok(Some(Band::new(map, mask)))
     };
     read().map_err(|error: Error| error.at(&beside))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::Ordering;
+
+    use tiff::encoder::{Compression, DeflateLevel, TiffEncoder, colortype};
+
+    use super::*;
+
+    fn strips(path: &Path, width: u32, height: u32, rows: u32) -> Vec<i16> {
+        let samples: Vec<i16> =
+            (0..width * height).map(|index| (index * 7919 % 30011) as i16 - 9000).collect();
+        let file = std::fs::File::create(path).expect("file");
+        let mut encoder = TiffEncoder::new(file)
+            .expect("header")
+            .with_compression(Compression::Deflate(DeflateLevel::Fast));
+        let mut image = encoder.new_image::<colortype::GrayI16>(width, height).expect("image");
+        image.rows_per_strip(rows).expect("strips");
+        image.write_data(&samples).expect("samples");
+        samples
+    }
+
+    #[test]
+    fn a_sweep_decodes_no_block_twice() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("strips.tif");
+        for strip in [1, 7, 40, 100] {
+            let samples = strips(&path, 31, 100, strip);
+            for (band, overlap) in [(10, 0), (10, 1), (11, 3), (33, 1), (100, 1), (1, 0)] {
+                let source = TiffSource::open(&path, &Limits::default()).expect("open");
+                let mut start = 0;
+                loop {
+                    let end = (start + band).min(100);
+                    let Samples::Int16(got) = source.read_rows(start..end).expect("rows").samples else {
+                        panic!()
+                    };
+                    assert_eq!(got, samples[start as usize * 31..end as usize * 31]);
+                    if end == 100 {
+                        break;
+                    }
+                    start = end - overlap;
+                }
+                let decoded = source.heights.decoded.load(Ordering::Relaxed);
+                assert_eq!(decoded, 100_usize.div_ceil(strip as usize), "strips of {strip}, bands of {band}");
+            }
+        }
+    }
+
+    #[test]
+    fn rows_outside_are_refused() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("strips.tif");
+        strips(&path, 3, 4, 2);
+        let source = TiffSource::open(&path, &Limits::default()).expect("open");
+        assert!(matches!(source.read_rows(3..5), Err(Error::Usage { .. })));
+        assert_eq!(source.read_rows(2..2).expect("nothing").samples.len(), 0);
+    }
 }

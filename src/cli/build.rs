@@ -1,0 +1,186 @@
+//! `relevo build`: a DEM to a container, with a report of what was made.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use relevo::container::layout::Metric;
+use relevo::limits::Limits;
+use relevo::pipeline::{self, BuildOptions, Plan, Report};
+use relevo::source::{self, SourceInfo};
+use relevo::Error;
+use serde_json::json;
+
+use crate::cli::progress::{Mode, Show};
+use crate::cli::table::{bytes, grouped, seconds, short};
+use crate::cli::{Failure, Outcome};
+
+/// Make a .rlv file from a DEM
+#[derive(clap::Args)]
+pub struct Args {
+    /// The DEM: a GeoTIFF (any raster of GDAL's if built with --features gdal)
+    dem: PathBuf,
+    /// The file to make [default: the DEM's name with .rlv, in the current folder]
+    #[arg(short, long, value_name = "OUT.rlv")]
+    output: Option<PathBuf>,
+    /// Intervals of a tile: a power of two, 16 to 1024
+    #[arg(long, default_value_t = 256, value_name = "N")]
+    tile: u32,
+    /// Intervals of a patch: a power of two, 4 to 64
+    #[arg(long, default_value_t = 64, value_name = "N")]
+    patch: u32,
+    /// Geometric error: `bound` is never below the true deviation, `paper` is the one-step maximum of the papers
+    #[arg(long, default_value = "bound", value_name = "bound|paper", value_parser = ["bound", "paper"])]
+    metric: String,
+    /// Quantise heights to this many metres (off by at most half of it); lossless without
+    #[arg(long, value_name = "M")]
+    precision: Option<f64>,
+    /// Value that means void, instead of what the file says
+    #[arg(long, value_name = "V", allow_hyphen_values = true)]
+    nodata: Option<f64>,
+    /// Threads [default: one for each core]
+    #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
+    /// Replace OUT.rlv if it is there
+    #[arg(long, short)]
+    force: bool,
+    /// Say what would be made, and what it takes, without reading a sample
+    #[arg(long)]
+    dry_run: bool,
+    /// How to show progress
+    #[arg(long, value_enum, default_value = "auto")]
+    progress: Mode,
+    /// The report (or the plan) as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Builds, or plans.
+pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let output = output(args)?;
+    let options = BuildOptions {
+        tile: args.tile,
+        patch: args.patch,
+        metric: if args.metric == "paper" { Metric::Paper } else { Metric::Bound },
+        precision_m: args.precision,
+        nodata: args.nodata,
+        jobs: args.jobs.map(usize::from),
+        force: args.force,
+        source_name: args.dem.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+    };
+    let source = source::open(&args.dem, &Limits::default())?;
+    let plan = pipeline::plan(source.info(), &options)?;
+    if args.dry_run {
+        return dry_run(args, source.info(), &plan, &output, out);
+    }
+    let show = Show::new(args.progress);
+    let report = pipeline::build(&*source, &output, &options, &show);
+    show.finish();
+    let report = report.map_err(|error| in_source(error, &args.dem))?;
+    if args.json {
+        serde_json::to_writer_pretty(&mut *out, &json(&report, &output)).map_err(std::io::Error::from)?;
+        writeln!(out)?;
+    } else {
+        print(&report, source.info(), &args.dem, &output, out)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Where to write: never over the DEM itself.
+fn output(args: &Args) -> Result<PathBuf, Error> {
+    let output = match &args.output {
+        Some(path) => path.clone(),
+        None => PathBuf::from(args.dem.file_name().unwrap_or_default()).with_extension("rlv"),
+    };
+    let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    if same(&output, &args.dem) {
+        return Err(Error::usage(format!("{}: input and output are the same file", output.display())));
+    }
+    Ok(output)
+}
+
+/// Errors without a path came from the raster.
+fn in_source(error: Error, dem: &Path) -> Failure {
+    Failure::Relevo(error.at(dem))
+}
+
+fn dry_run(args: &Args, info: &SourceInfo, plan: &Plan, output: &Path, out: &mut dyn Write) -> Outcome {
+    let (tiles, memory) = (plan.most_tiles(), plan.memory_estimate(info.sample_type));
+    let disk = plan.disk_estimate(info.sample_type);
+    if args.json {
+        let plan = json!({
+            "source": args.dem, "output": output, "description": info.description,
+            "columns": plan.width, "rows": plan.height, "sample_type": info.sample_type,
+            "levels": plan.levels + 1, "most_tiles": tiles.iter().sum::<u64>(), "most_tiles_by_level": tiles,
+            "memory_bytes": memory, "disk_bytes": disk, "work_folder_bytes": 2 * disk,
+        });
+        serde_json::to_writer_pretty(&mut *out, &plan).map_err(std::io::Error::from)?;
+        writeln!(out)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    writeln!(out, "{}", source_line(&args.dem, info))?;
+    writeln!(out, "{}: nothing is written (--dry-run)", output.display())?;
+    let each: Vec<String> = tiles.iter().map(ToString::to_string).collect();
+    writeln!(out, "  levels   {} (0 to {}), at most {} tiles each", tiles.len(), plan.levels, each.join(", "))?;
+    writeln!(out, "  tiles    at most {} of {} x {}", grouped(tiles.iter().sum()), plan.tile, plan.tile)?;
+    writeln!(out, "  memory   about {}, on {} threads", bytes(memory), plan.jobs)?;
+    let (file, work) = (bytes(disk), bytes(2 * disk));
+    writeln!(out, "  disk     about {file} (typical terrain), {work} while it is being made")?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn source_line(dem: &Path, info: &SourceInfo) -> String {
+    let crs = &info.geo.crs;
+    let place = match (crs.epsg, crs.name.is_empty(), info.geo.transform) {
+        (Some(code), _, _) => format!("EPSG:{code}"),
+        (None, false, _) => crs.name.clone(),
+        (None, true, Some(_)) => "no coordinate system".to_owned(),
+        (None, true, None) => "not georeferenced".to_owned(),
+    };
+    let kind = info.sample_type.gdal_name();
+    format!("{}: {} x {} {kind}, {place}; {}", dem.display(), info.width, info.height, info.description)
+}
+
+fn print(
+    report: &Report,
+    info: &SourceInfo,
+    dem: &Path,
+    output: &Path,
+    out: &mut dyn Write,
+) -> std::io::Result<()> {
+    let header = &report.header;
+    let samples = f64::from(header.width) * f64::from(header.height);
+    let length = report.file.file_bytes;
+    writeln!(out, "{}", source_line(dem, info))?;
+    writeln!(
+        out,
+        "{}: {}, {} bits a sample, {} of the raw samples",
+        output.display(),
+        bytes(length),
+        short(length as f64 * 8.0 / samples),
+        percent(length as f64 / (samples * header.source_type.bytes() as f64)),
+    )?;
+    crate::cli::stats::levels_table(&report.statistics, header, out)?;
+    let time = report.elapsed.as_secs_f64();
+    let kept = if header.quantisation_error > 0.0 {
+        format!("heights off by at most {} m", short(header.quantisation_error * header.band_scale.abs() * header.unit_metres))
+    } else {
+        "lossless".to_owned()
+    };
+    let rate = short(samples / time / 1e6);
+    let tiles = grouped(header.tile_count);
+    writeln!(out, "{tiles} tiles in {}, {rate} million samples a second; {kept}", seconds(time))
+}
+
+fn percent(share: f64) -> String {
+    format!("{} %", short(100.0 * share))
+}
+
+fn json(report: &Report, output: &Path) -> serde_json::Value {
+    let header = &report.header;
+    json!({
+        "output": output, "bytes": report.file.file_bytes, "columns": header.width, "rows": header.height,
+        "sample_type": header.source_type.gdal_name(), "metric": header.metric.as_str(), "tiles": header.tile_count,
+        "seconds": report.elapsed.as_secs_f64(), "statistics": report.statistics,
+    })
+}

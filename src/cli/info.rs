@@ -1,0 +1,123 @@
+//! `relevo info`: what a file is, from its first 64 KiB.
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use relevo::container::sections::SectionEntry;
+use relevo::container::reader::Reader;
+use relevo::sample::Coding;
+use serde_json::{Value, json};
+
+use crate::cli::Outcome;
+use crate::cli::table::{Table, bytes, grouped, short};
+
+/// What a file is: coordinate system, levels, sections, sizes
+#[derive(clap::Args)]
+pub struct Args {
+    /// The .rlv files
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// As JSON: one object a file, in a list
+    #[arg(long)]
+    json: bool,
+}
+
+/// Prints the facts of every file.
+pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let mut all = Vec::new();
+    for (i, file) in args.files.iter().enumerate() {
+        let reader = Reader::open(file)?;
+        if args.json {
+            all.push(facts(&reader, file));
+        } else {
+            if i > 0 {
+                writeln!(out)?;
+            }
+            print(&reader, file, out)?;
+        }
+    }
+    if args.json {
+        serde_json::to_writer_pretty(&mut *out, &all).map_err(io::Error::from)?;
+        writeln!(out)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn section_name(section: &SectionEntry) -> String {
+    match section.kind {
+        1 => "metadata".to_owned(),
+        2 => "root page".to_owned(),
+        3 => "statistics".to_owned(),
+        4 => "pages".to_owned(),
+        5 => "tiles".to_owned(),
+        kind => format!("kind {kind} (unknown to this program)"),
+    }
+}
+
+fn facts(reader: &Reader, file: &Path) -> Value {
+    let (header, metadata) = (reader.header(), reader.metadata());
+    let sections: Vec<Value> = reader
+        .sections()
+        .iter()
+        .map(|s| json!({ "kind": s.kind, "name": section_name(s), "offset": s.offset, "bytes": s.length }))
+        .collect();
+    let (scale, offset) = match header.coding {
+        Coding::Integer { scale, offset } => (scale, offset),
+        _ => (1.0, 0.0),
+    };
+    json!({
+        "file": file, "bytes": reader.file_len(), "columns": header.width, "rows": header.height,
+        "sample_type": header.source_type.gdal_name(), "tile": header.tile(), "patch": header.patch(),
+        "levels": header.levels + 1, "tiles": header.tile_count, "metric": header.metric.as_str(),
+        "code_scale": scale, "code_offset": offset, "band_scale": header.band_scale, "band_offset": header.band_offset,
+        "unit_metres": header.unit_metres, "max_quantisation_error": header.quantisation_error,
+        "nodata": header.nodata.map(|v| if v.is_finite() { json!(v) } else { json!(v.to_string()) }),
+        "geotransform": header.transform, "metadata": metadata, "sections": sections,
+    })
+}
+
+fn print(reader: &Reader, file: &Path, out: &mut dyn Write) -> io::Result<()> {
+    let (header, metadata) = (reader.header(), reader.metadata());
+    let crs = &metadata.crs;
+    writeln!(out, "{}: {}, made by {}", file.display(), bytes(reader.file_len()), metadata.tool)?;
+    let mut line = |name: &str, text: String| writeln!(out, "  {name:<10} {text}");
+    for source in &metadata.sources {
+        line("source", format!("{}: {}", source.name, source.description))?;
+    }
+    line("lattice", format!("{} x {} {}", header.width, header.height, header.source_type.gdal_name()))?;
+    let heights = match header.coding {
+        Coding::Integer { scale, .. } if header.quantisation_error > 0.0 => {
+            format!("quantised in steps of {scale}, off by at most {}", short(header.quantisation_error))
+        }
+        _ => "lossless".to_owned(),
+    };
+    let unit = if metadata.vertical_unit.is_empty() { "metre (assumed)" } else { &metadata.vertical_unit };
+    line("heights", format!("{heights}; unit {unit}"))?;
+    if let Some(nodata) = header.nodata {
+        line("nodata", nodata.to_string())?;
+    }
+    let epsg = crs.epsg.map_or_else(|| "no EPSG code".to_owned(), |code| format!("EPSG:{code}"));
+    let name = if crs.name.is_empty() { "no coordinate system" } else { &crs.name };
+    line("CRS", format!("{name} ({epsg})"))?;
+    if let Some([west, south, east, north]) = metadata.bounds {
+        line("bounds", format!("west {west}, south {south}, east {east}, north {north}"))?;
+    }
+    line("metric", header.metric.as_str().to_owned())?;
+    let tiles = grouped(header.tile_count);
+    line("tiles", format!("{tiles} of {0} x {0} intervals, patches of {1} x {1}", header.tile(), header.patch()))?;
+    let mut levels = Table::new(&["level", "tiles", "bytes", "vertical m", "horizontal m"]);
+    for (number, level) in metadata.levels.iter().enumerate() {
+        levels.row(vec![
+            number.to_string(),
+            grouped(level.tiles),
+            bytes(level.bytes),
+            short(level.max_vertical_m),
+            short(level.max_horizontal_m),
+        ]);
+    }
+    levels.print(out)?;
+    let sections: Vec<String> =
+        reader.sections().iter().map(|s| format!("{} {}", section_name(s), bytes(s.length))).collect();
+    writeln!(out, "  sections   {}", sections.join(", "))
+}

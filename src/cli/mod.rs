@@ -1,0 +1,105 @@
+//! The command line: one file a subcommand, each with `Args` and `run`. Data on stdout, talk on stderr.
+//!
+//! Exit codes: 0 done, 1 the check found a problem, 2 could not do it; a reader that closes the pipe is no error.
+
+mod build;
+mod export;
+mod info;
+mod progress;
+mod stats;
+mod table;
+mod verify;
+
+use std::io::{self, Write};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::{Parser, Subcommand};
+use relevo::Error;
+
+/// Turns digital elevation models of any size into one tile-pyramid file (.rlv) with a proven geometric error for every
+/// patch at every tessellation level.
+#[derive(Parser)]
+#[command(name = "relevo", version, max_term_width = 110, arg_required_else_help = true)]
+#[command(after_help = "Exit codes: 0 done, 1 the check found a problem, 2 could not do it.\n\
+    First steps: relevo build dem.tif -o dem.rlv && relevo verify dem.rlv --source dem.tif && relevo stats dem.rlv")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Make a .rlv file from a DEM
+    Build(build::Args),
+    /// What a file is: coordinate system, levels, sections, sizes
+    Info(info::Args),
+    /// How wrong a file is, by level and tessellation step
+    Stats(stats::Args),
+    /// Check a file: checksums, structure, invariants; against its source; every error by brute force
+    Verify(verify::Args),
+    /// A level back to GeoTIFF, or as a shaded picture
+    Export(export::Args),
+}
+
+/// Why a command did not end well.
+pub enum Failure {
+    /// The library said so.
+    Relevo(Error),
+    /// Standard output did.
+    Stdout(io::Error),
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        Self::Relevo(error)
+    }
+}
+
+impl From<io::Error> for Failure {
+    fn from(error: io::Error) -> Self {
+        Self::Stdout(error)
+    }
+}
+
+/// What a subcommand ends in.
+pub type Outcome = Result<ExitCode, Failure>;
+
+/// Set by Ctrl-C and SIGTERM; long work asks it between pieces.
+static STOP: AtomicBool = AtomicBool::new(false);
+
+/// True once the user asked to stop.
+pub fn stopped() -> bool {
+    STOP.load(Ordering::Relaxed)
+}
+
+/// Parses, runs, and turns the outcome into an exit code.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    // A second Ctrl-C ends the program at once.
+    let handler = ctrlc::set_handler(|| {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(2);
+        }
+    });
+    if let Err(error) = handler {
+        let _ = writeln!(io::stderr(), "relevo: Ctrl-C will not clean up: {error}");
+    }
+    let mut out = io::BufWriter::new(io::stdout().lock());
+    let outcome = match &cli.command {
+        Command::Build(args) => build::run(args, &mut out),
+        Command::Info(args) => info::run(args, &mut out),
+        Command::Stats(args) => stats::run(args, &mut out),
+        Command::Verify(args) => verify::run(args, &mut out),
+        Command::Export(args) => export::run(args, &mut out),
+    };
+    let outcome = outcome.and_then(|code| out.flush().map(|()| code).map_err(Failure::from));
+    let message = match outcome {
+        Ok(code) => return code,
+        Err(Failure::Stdout(error)) if error.kind() == io::ErrorKind::BrokenPipe => return ExitCode::SUCCESS,
+        Err(Failure::Stdout(error)) => format!("standard output: {error}"),
+        Err(Failure::Relevo(error)) => error.to_string(),
+    };
+    let _ = writeln!(io::stderr(), "relevo: {message}");
+    ExitCode::from(2)
+}

@@ -1,0 +1,194 @@
+//! A level of a container back to a raster: GeoTIFF, or a shaded picture.
+//!
+//! Tiles are read in rows from north to south; memory grows with the width of the level. At the leaf level the samples are
+//! the source's own, bit for bit unless the file is quantised.
+
+use std::path::Path;
+
+use crate::container::layout::Header;
+use crate::container::reader::Reader;
+use crate::error::{Error, Result};
+use crate::geo::Geo;
+use crate::geotiff_write::{Compression, GeotiffSpec, GeotiffWriter};
+use crate::hillshade;
+use crate::sample::{SampleType, VALID};
+use crate::source::Samples;
+use crate::tile::TileId;
+
+/// Largest picture, in samples on a side: a PNG is made in memory.
+const MAX_PICTURE_SIDE: u32 = 16_384;
+
+/// How a GeoTIFF is to be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GeotiffOptions {
+    /// The level.
+    pub level: u8,
+    /// Compression of the strips.
+    pub compression: Compression,
+    /// Replace an existing file.
+    pub force: bool,
+}
+
+/// Georeference of a level: pixels as many times larger, its first sample on the raster's first.
+pub fn level_geo(geo: &Geo, header: &Header, level: u8) -> Geo {
+    let step = f64::from(header.spacing(level));
+    let transform = geo.transform.map(|[x0, a, b, y0, d, e]| {
+        // Pixel (0, 0) of the level is centred on sample (0, 0), which stands half a source pixel in.
+        let shift = 0.5 - 0.5 * step;
+        [x0 + shift * (a + b), a * step, b * step, y0 + shift * (d + e), d * step, e * step]
+    });
+    Geo { transform, ..geo.clone() }
+}
+
+/// Writes a level as a GeoTIFF; returns its size in samples.
+pub fn geotiff(reader: &Reader, output: &Path, options: GeotiffOptions) -> Result<(u32, u32)> {
+    let header = reader.header();
+    check_level(header, options.level)?;
+    let (columns, rows) = header.level_size(options.level);
+    let geo = level_geo(reader.geo(), header, options.level);
+    let mut spec = GeotiffSpec::new(columns, rows, header.source_type, &geo);
+    spec.nodata = void_value(reader, options.level)?;
+    spec.band_scale = header.band_scale;
+    spec.band_offset = header.band_offset;
+    spec.unit = &reader.metadata().vertical_unit;
+    spec.compression = options.compression;
+    spec.force = options.force;
+    let mut writer = GeotiffWriter::create(output, &spec)?;
+    each_band(reader, options.level, |values| {
+        writer.write_rows(&samples(values, header.source_type, spec.nodata.unwrap_or(0.0)))
+    })?;
+    writer.finish()?;
+    Ok((columns, rows))
+}
+
+/// Writes a level as a shaded PNG; returns its size.
+pub fn picture(reader: &Reader, output: &Path, level: u8, style: hillshade::Style) -> Result<(u32, u32)> {
+    let header = reader.header();
+    check_level(header, level)?;
+    let (columns, rows) = header.level_size(level);
+    for (what, side) in [("picture width", columns), ("picture height", rows)] {
+        if side > MAX_PICTURE_SIDE {
+            return Err(Error::limit(format!("{what} (choose a coarser --level)"), side.into(), MAX_PICTURE_SIDE.into()));
+        }
+    }
+    let mut heights = Vec::with_capacity(columns as usize * rows as usize);
+    each_band(reader, level, |values| {
+        heights.extend(values.iter().map(|v| v.map_or(f32::NAN, |v| header.metres(v) as f32)));
+        Ok(())
+    })?;
+    let spacing = reader.geo().spacing((0, header.width - 1), (header.height / 2, header.height / 2));
+    let step = f64::from(header.spacing(level));
+    let mut options = hillshade::Options::new(spacing.dx * step, spacing.dy * step);
+    options.style = style;
+    let rgba = hillshade::hillshade(&heights, columns as usize, rows as usize, &options)?;
+    hillshade::write_png(output, &rgba, columns, rows)?;
+    Ok((columns, rows))
+}
+
+fn check_level(header: &Header, level: u8) -> Result<()> {
+    if level > header.levels {
+        return Err(Error::usage(format!("--level {level}: this file has levels 0 (root) to {}", header.levels)));
+    }
+    Ok(())
+}
+
+/// Calls `take` with the values of whole rows of a level, north to south; `None` is void.
+fn each_band(
+    reader: &Reader,
+    level: u8,
+    mut take: impl FnMut(&[Option<f64>]) -> Result<()>,
+) -> Result<()> {
+    let header = reader.header();
+    let (columns, rows) = (header.level_size(level).0 as usize, header.level_size(level).1 as usize);
+    let n = header.tile() as usize;
+    let last = (1_usize << level) - 1;
+    let mut values: Vec<Option<f64>> = Vec::new();
+    for y in 0..=((rows - 1) / n).min(last) {
+        let first = y * n;
+        // Each tile owns its first n rows and columns; the last one its border too.
+        let height = if y == last { rows - first } else { (rows - first).min(n) };
+        values.clear();
+        values.resize(columns * height, None);
+        for x in 0..=((columns - 1) / n).min(last) {
+            let id = TileId::new(level, x as u32, y as u32);
+            if reader.entry(id)?.is_none() {
+                continue;
+            }
+            let lattice = reader.read_tile(id)?;
+            let left = x * n;
+            let width = if x == last { columns - left } else { (columns - left).min(n) };
+            for row in 0..height {
+                for column in 0..width {
+                    let at = lattice.at(column, row);
+                    if lattice.state[at] == VALID {
+                        values[row * columns + left + column] = Some(lattice.value(at, header.coding));
+                    }
+                }
+            }
+        }
+        take(&values)?;
+    }
+    Ok(())
+}
+
+/// The value to write for voids: the source's, or where it has none and the level has voids (a mask), NaN or the end of the
+/// type's range that the data does not reach.
+fn void_value(reader: &Reader, level: u8) -> Result<Option<f64>> {
+    let header = reader.header();
+    let Some((low, high)) = integer_range(header.source_type) else {
+        return Ok(Some(header.nodata.unwrap_or(f64::NAN)));
+    };
+    if let Some(nodata) = header.nodata.filter(|v| (low..=high).contains(v) && v.fract() == 0.0) {
+        return Ok(Some(nodata));
+    }
+    let full = reader.statistics()?.and_then(|s| s.levels.into_iter().find(|l| l.level == level));
+    if full.is_some_and(|l| l.valid == l.columns * l.rows) {
+        return Ok(None);
+    }
+    let Some(root) = reader.entry(TileId::ROOT)? else { return Ok(Some(low)) };
+    let value = |metres: f32| (f64::from(metres) / header.unit_metres - header.band_offset) / header.band_scale;
+    let (a, b) = (value(root.min_m), value(root.max_m));
+    if a.min(b) > low + 1.0 {
+        Ok(Some(low))
+    } else if a.max(b) < high - 1.0 {
+        Ok(Some(high))
+    } else {
+        Err(Error::usage(format!(
+            "{}: voids came from a mask and the samples use the whole range of {}, so none is free to stand for void",
+            reader.path().display(),
+            header.source_type.gdal_name()
+        )))
+    }
+}
+
+/// Least and greatest value of an integer type; `None` for floats.
+fn integer_range(kind: SampleType) -> Option<(f64, f64)> {
+    match kind {
+        SampleType::Int8 => Some((f64::from(i8::MIN), f64::from(i8::MAX))),
+        SampleType::Uint8 => Some((0.0, f64::from(u8::MAX))),
+        SampleType::Int16 => Some((f64::from(i16::MIN), f64::from(i16::MAX))),
+        SampleType::Uint16 => Some((0.0, f64::from(u16::MAX))),
+        SampleType::Int32 => Some((f64::from(i32::MIN), f64::from(i32::MAX))),
+        SampleType::Uint32 => Some((0.0, f64::from(u32::MAX))),
+        SampleType::Float32 | SampleType::Float64 => None,
+    }
+}
+
+/// Values as samples of the source's type; quantised values are rounded into it.
+fn samples(values: &[Option<f64>], kind: SampleType, void: f64) -> Samples {
+    macro_rules! integers {
+        ($variant:ident, $type:ty) => {
+            Samples::$variant(values.iter().map(|v| v.unwrap_or(void).round() as $type).collect())
+        };
+    }
+    match kind {
+        SampleType::Int8 => integers!(Int8, i8),
+        SampleType::Uint8 => integers!(Uint8, u8),
+        SampleType::Int16 => integers!(Int16, i16),
+        SampleType::Uint16 => integers!(Uint16, u16),
+        SampleType::Int32 => integers!(Int32, i32),
+        SampleType::Uint32 => integers!(Uint32, u32),
+        SampleType::Float32 => Samples::Float32(values.iter().map(|v| v.unwrap_or(void) as f32).collect()),
+        SampleType::Float64 => Samples::Float64(values.iter().map(|v| v.unwrap_or(void)).collect()),
+    }
+}

@@ -1,0 +1,76 @@
+//! Checks a container: checksums, structure, invariants; on request every sample against its source, and every error
+//! by brute force.
+//!
+//! Nothing here prints and nothing is repaired: what is wrong becomes a [`Problem`] in a [`VerifyReport`]. An `Err` says that
+//! the check itself could not be made. What is recomputed is recomputed in ways of its own: the geometry in here shares
+//! no formula with `patch`.
+
+mod borders;
+mod deep;
+mod full;
+mod index;
+mod outline;
+mod paper;
+mod raster;
+mod report;
+mod shape;
+mod statistics;
+mod tiles;
+mod vertical;
+
+pub use report::{Check, Place, Problem, Ratios, Tightness, VerifyReport};
+
+use crate::container::reader::Reader;
+use crate::error::Result;
+use crate::source::Source;
+
+/// What to check, and how much of it to tell.
+#[derive(Clone, Copy, Debug)]
+pub struct VerifyOptions {
+    /// Recompute every error by brute force. Needs the lattice of full resolution in memory.
+    pub deep: bool,
+    /// Problems that each check keeps; all are counted.
+    pub keep: usize,
+    /// Largest number of samples of full resolution for `deep` (2^28).
+    pub max_deep_samples: u64,
+}
+
+impl Default for VerifyOptions {
+    fn default() -> Self {
+        Self { deep: false, keep: 10, max_deep_samples: 1 << 28 }
+    }
+}
+
+/// How far a verification is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// What is being looked at: `tiles`, `source`, `errors`.
+    pub stage: &'static str,
+    /// How much of it is done.
+    pub done: u64,
+    /// Of how much.
+    pub total: u64,
+}
+
+/// Checks an open file.
+///
+/// Damage is a finding, not an error; a disk that cannot be read, or a raster too large for `deep`, is an error.
+pub fn verify(
+    reader: &Reader,
+    source: Option<&dyn Source>,
+    options: &VerifyOptions,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<VerifyReport> {
+    let mut report = VerifyReport::default();
+    report.checks.push(index::sections(reader, options)?);
+    report.checks.push(index::pages(reader, options)?);
+    let (tables, checks) = tiles::check(reader, options, progress)?;
+    report.checks.extend(checks);
+    if let Some(source) = source {
+        report.checks.extend(raster::check(reader, source, options, progress)?);
+    }
+    if options.deep {
+        deep::check(reader, &tables, options, progress, &mut report)?;
+    }
+    Ok(report)
+}

@@ -1,0 +1,198 @@
+//! The lattice of full resolution, decoded, with the fills that the specification asks for (section 2).
+//!
+//! Fills are found by brute force, one sample at a time, from the valid samples alone.
+
+use rayon::prelude::*;
+
+use super::report::{Check, Place};
+use crate::container::layout::Header;
+use crate::container::reader::Reader;
+use crate::error::Result;
+use crate::geo::Spacing;
+use crate::sample::{Coding, FILLED, Lattice, VALID, VOID};
+use crate::tile::TileId;
+
+/// Tiles decoded at a time.
+const BATCH: usize = 64;
+
+/// Code, low and state of a sample.
+pub(super) type Sample = (i32, u32, u8);
+
+/// Samples of full resolution: those of the raster, and one column and row more where the root square has room, so that
+/// every cell with a valid sample is in it. All others are void.
+pub(super) struct Full {
+    /// Columns and rows of the raster.
+    pub raster: (u64, u64),
+    /// Intervals of the root square.
+    pub side: u64,
+    /// Columns kept.
+    pub columns: usize,
+    /// Rows kept.
+    pub rows: usize,
+    /// How codes become values.
+    pub coding: Coding,
+    code: Vec<i32>,
+    low: Vec<u32>,
+    state: Vec<u8>,
+}
+
+impl Full {
+    /// Decodes the tiles of the finest level and fills the voids.
+    pub fn decode(reader: &Reader) -> Result<Self> {
+        let header = reader.header();
+        let side = u64::from(header.tile()) << header.levels;
+        let along = |samples: u32| (u64::from(samples).min(side) + 1) as usize;
+        let (columns, rows) = (along(header.width), along(header.height));
+        let count = columns * rows;
+        let mut full = Self {
+            raster: (header.width.into(), header.height.into()),
+            side,
+            columns,
+            rows,
+            coding: header.coding,
+            code: vec![0; count],
+            low: if header.coding.has_low() { vec![0; count] } else { Vec::new() },
+            state: vec![VOID; count],
+        };
+        for ids in reader.tiles(header.levels)?.chunks(BATCH) {
+            let tiles: Vec<_> = ids.par_iter().map(|&id| reader.read_tile(id)).collect();
+            for (id, tile) in ids.iter().zip(tiles) {
+                full.place(header.origin(*id), &*tile?);
+            }
+        }
+        full.fill_voids();
+        Ok(full)
+    }
+
+    fn place(&mut self, (left, top): (u64, u64), lattice: &Lattice) {
+        let columns = (lattice.n + 1).min(self.columns - left as usize);
+        let rows = (lattice.n + 1).min(self.rows - top as usize);
+        for row in 0..rows {
+            let from = lattice.at(0, row)..lattice.at(columns, row);
+            let to = self.at(left as usize, top as usize + row);
+            let to = to..to + columns;
+            for ((state, code), at) in lattice.state[from.clone()].iter().zip(&lattice.code[from.clone()]).zip(to) {
+                if *state == VALID {
+                    (self.state[at], self.code[at]) = (VALID, *code);
+                }
+            }
+            if !self.low.is_empty() {
+                for (i, &low) in lattice.low[from].iter().enumerate() {
+                    let at = self.at(left as usize + i, top as usize + row);
+                    self.low[at] = low;
+                }
+            }
+        }
+    }
+
+    fn fill_voids(&mut self) {
+        let fills: Vec<_> = (0..self.rows)
+            .into_par_iter()
+            .flat_map_iter(|row| (0..self.columns).map(move |column| (column, row)))
+            .filter(|&(column, row)| self.state[self.at(column, row)] != VALID)
+            .filter_map(|(column, row)| Some((self.at(column, row), self.fill(column as u64, row as u64)?)))
+            .collect();
+        for (at, (code, low)) in fills {
+            (self.code[at], self.state[at]) = (code, FILLED);
+            if let Some(to) = self.low.get_mut(at) {
+                *to = low;
+            }
+        }
+    }
+
+    /// Index of a sample that is kept.
+    #[inline]
+    pub fn at(&self, column: usize, row: usize) -> usize {
+        row * self.columns + column
+    }
+
+    /// True if the sample at an index is valid.
+    #[inline]
+    pub fn is_valid(&self, at: usize) -> bool {
+        self.state[at] == VALID
+    }
+
+    /// Code at an index.
+    #[inline]
+    pub fn code(&self, at: usize) -> i32 {
+        self.code[at]
+    }
+
+    /// Value at an index, in value units.
+    #[inline]
+    pub fn value(&self, at: usize) -> f64 {
+        self.coding.value(self.code[at], self.low.get(at).copied().unwrap_or(0))
+    }
+
+    /// Any sample of the root square.
+    pub fn sample(&self, column: u64, row: u64) -> Sample {
+        if column < self.columns as u64 && row < self.rows as u64 {
+            let at = self.at(column as usize, row as usize);
+            return (self.code[at], self.low.get(at).copied().unwrap_or(0), self.state[at]);
+        }
+        self.fill(column, row).map_or((0, 0, VOID), |(code, low)| (code, low, FILLED))
+    }
+
+    /// The fill of a void sample: code and low.
+    fn fill(&self, column: u64, row: u64) -> Option<(i32, u32)> {
+        // 0 is divided by every power of two.
+        let birth = (column | row | self.side).trailing_zeros();
+        (0..=birth).find_map(|log| {
+            let s = 1_i64 << log;
+            let mut found = Vec::new();
+            for (dx, dy) in [(-s, -s), (0, -s), (s, -s), (-s, 0), (s, 0), (-s, s), (0, s), (s, s)] {
+                let (x, y) = (column as i64 + dx, row as i64 + dy);
+                if (0..self.raster.0 as i64).contains(&x) && (0..self.raster.1 as i64).contains(&y) {
+                    let at = self.at(x as usize, y as usize);
+                    if self.state[at] == VALID {
+                        found.push((self.code[at], self.low.get(at).copied().unwrap_or(0)));
+                    }
+                }
+            }
+            found.sort_unstable();
+            found.get(found.len().checked_sub(1)? / 2).copied()
+        })
+    }
+
+    /// Holds every sample of a tile against the sample it stands for; its fills in metres lie in the height range.
+    pub fn compare(&self, header: &Header, id: TileId, lattice: &Lattice, range: (f32, f32), check: &mut Check) {
+        let spacing = u64::from(header.spacing(id.level));
+        let (left, top) = header.origin(id);
+        check.looked_at += lattice.state.len() as u64;
+        for (at, &state) in lattice.state.iter().enumerate() {
+            let (x, y) = ((at % (lattice.n + 1)) as u64, (at / (lattice.n + 1)) as u64);
+            let (column, row) = (left + x * spacing, top + y * spacing);
+            let expected = self.sample(column, row);
+            let place = || Place::tile(id).sample(column, row);
+            let got = (lattice.code[at], lattice.low_at(at));
+            if (state == VALID) != (expected.2 == VALID) {
+                let word = |valid| if valid { "valid" } else { "void" };
+                check.fail(place(), word(expected.2 == VALID), word(state == VALID));
+            } else if expected.2 != VOID {
+                let what = if state == VALID { "sample" } else { "fill" };
+                let same = got == (expected.0, expected.1);
+                let place = || place().part(what);
+                let code = format_args!("code {} at full resolution", expected.0);
+                check.demand(same, place, code, format_args!("code {}", got.0));
+                let metres = header.metres_of(expected.0, expected.1);
+                let inside = f64::from(range.0) <= metres && metres <= f64::from(range.1);
+                let range = format_args!("{} to {}", range.0, range.1);
+                check.demand(inside, place, format_args!("a height range that holds {metres}"), range);
+            }
+        }
+    }
+}
+
+/// Metres of one interval of a tile: the upper bound that [`crate::geo::Geo::spacing`] gives for the samples it spans.
+pub(super) fn tile_spacing(reader: &Reader, id: TileId) -> Spacing {
+    let header = reader.header();
+    let step = u64::from(header.spacing(id.level));
+    let span = step * u64::from(header.tile());
+    let (left, top) = header.origin(id);
+    let range = |first: u64, samples: u32| {
+        let last = u64::from(samples - 1);
+        (first.min(last) as u32, (first + span).min(last) as u32)
+    };
+    let spacing = reader.geo().spacing(range(left, header.width), range(top, header.height));
+    Spacing { dx: spacing.dx * step as f64, dy: spacing.dy * step as f64 }
+}
