@@ -135,16 +135,16 @@ fn each_band(
 /// type's range that the data does not reach.
 fn void_value(reader: &Reader, level: u8) -> Result<Option<f64>> {
     let header = reader.header();
-    let Some((low, high)) = integer_range(header.source_type) else {
-        return Ok(Some(header.nodata.unwrap_or(f64::NAN)));
-    };
-    if let Some(nodata) = header.nodata.filter(|v| (low..=high).contains(v) && v.fract() == 0.0) {
+    let range = integer_range(header.source_type);
+    let usable = |v: &f64| range.is_none_or(|(low, high)| (low..=high).contains(v) && v.fract() == 0.0);
+    if let Some(nodata) = header.nodata.filter(usable) {
         return Ok(Some(nodata));
     }
-    let full = reader.statistics()?.and_then(|s| s.levels.into_iter().find(|l| l.level == level));
-    if full.is_some_and(|l| l.valid == l.columns * l.rows) {
+    let statistics = reader.statistics()?.and_then(|s| s.levels.into_iter().find(|l| l.level == level));
+    if statistics.is_some_and(|l| l.valid == l.columns * l.rows) {
         return Ok(None);
     }
+    let Some((low, high)) = range else { return Ok(Some(f64::NAN)) };
     let Some(root) = reader.entry(TileId::ROOT)? else { return Ok(Some(low)) };
     let value = |metres: f32| (f64::from(metres) / header.unit_metres - header.band_offset) / header.band_scale;
     let (a, b) = (value(root.min_m), value(root.max_m));

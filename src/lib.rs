@@ -15,6 +15,7 @@ pub mod sample;
 pub mod source;
 pub mod surface;
 pub mod tile;
+pub mod verify;
 
 pub use error::{Error, Result};
 pub use tile::TileId;

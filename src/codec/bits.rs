@@ -32,10 +32,11 @@ pub fn raw_length(count: usize, k: u32) -> usize {
 pub fn write_plane(residuals: &[u32], k: u32, out: &mut Vec<u8>) {
     let start = out.len();
     out.extend(residuals.iter().map(|&g| (g >> k).min(255) as u8));
-    let end = out.len();
-    for at in start..end {
-        if out[at] == 255 {
-            write_leb128((residuals[at - start] >> k) - 255, out);
+    // Escapes are rare: look for them a block at a time.
+    for (block, residuals) in residuals.chunks(64).enumerate() {
+        let bytes = &out[start + 64 * block..][..residuals.len()];
+        if bytes.contains(&255) {
+            residuals.iter().filter(|g| **g >> k >= 255).for_each(|g| write_leb128((g >> k) - 255, out));
         }
     }
 }

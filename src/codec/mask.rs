@@ -2,7 +2,7 @@
 //! neighbours is wrong about it.
 
 use crate::codec::order::{self, Row, Stage};
-use crate::codec::{Scratch, bits, frame};
+use crate::codec::{Scratch, bits, frame, void};
 use crate::error::{Error, Result};
 use crate::sample::{Lattice, VALID, VOID};
 
@@ -132,7 +132,7 @@ impl Coder for Decoder<'_> {
 pub fn encode(lattice: &Lattice, root: bool, scratch: &mut Scratch, out: &mut Vec<u8>) -> Result<Occupancy> {
     check_shape(lattice)?;
     let has_valid = lattice.state.contains(&VALID);
-    let has_void = lattice.state.iter().any(|&state| state != VALID);
+    let has_void = !void::all_valid(&lattice.state);
     if has_valid && has_void {
         scratch.bytes.clear();
         let mut coder = Encoder { state: &lattice.state, bits: &mut scratch.bytes };

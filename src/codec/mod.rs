@@ -18,6 +18,8 @@ mod predict;
 mod probe;
 #[cfg(test)]
 mod tests;
+mod void;
+mod walk;
 
 /// Buffers of one thread, kept from tile to tile.
 #[derive(Default)]
@@ -28,12 +30,14 @@ pub struct Scratch {
     raw: Vec<u8>,
     /// Residuals (zigzag while they are coded), newborn order.
     residuals: Vec<u32>,
+    /// Codes of one row.
+    row: Vec<i32>,
     /// Decimals that take the place of the lattice's codes.
     decimals: Vec<i32>,
     /// Histogram of residuals.
     histogram: Vec<u32>,
     /// Prediction of heights.
-    walk: height::Walk,
+    walk: walk::Walk,
     /// Prediction of validity.
     validity: mask::Validity,
 }

@@ -173,6 +173,11 @@ mod oracle {
         (residuals, chunk[2], lows)
     }
 
+    /// Columns and rows, row by row.
+    fn grid(columns: usize, rows: usize) -> impl Iterator<Item = (usize, usize)> {
+        (0..rows).flat_map(move |b| (0..columns).map(move |a| (a, b)))
+    }
+
     /// Section 9.
     pub fn heights(chunk: &[u8], lattice: &mut Lattice, coding: Coding, root: bool) {
         let n = lattice.n;
@@ -187,44 +192,57 @@ mod oracle {
             q = lattice.code.iter().map(|code| i128::from(up(code))).collect();
         }
         let at = |x: usize, y: usize| y * (n + 1) + x;
-        let mut take =
-            |prediction: i128| i128::from((prediction + i128::from(residuals.next().unwrap())) as i32);
+        let state = lattice.state.clone();
+        let valid_at = |x: usize, y: usize| state[at(x, y)] == VALID;
+        // A void sample is its prediction until the valid samples of its stage are known.
+        let mut take = |prediction: i128, valid: bool| {
+            let residual = i128::from(residuals.next().unwrap());
+            let code = |residual| i128::from((prediction + residual) as i32);
+            if valid { (code(residual), 0) } else { (code(0), residual) }
+        };
         let mut m = n / 2;
         if root {
             let mut before = 0;
             for (x, y) in [(0, 0), (n, 0), (0, n), (n, n)] {
-                before = take(before);
+                before = take(before, true).0;
                 q[at(x, y)] = before;
             }
             m = 1;
         }
         while 2 * m <= n {
-            let s = n / m;
+            let h = n / m / 2;
             let mut p: Vec<Vec<i128>> =
-                (0..=m).map(|b| (0..=m).map(|a| q[at(a * s, b * s)]).collect()).collect();
-            let valid: Vec<Vec<bool>> = (0..=m)
-                .map(|b| (0..=m).map(|a| lattice.state[at(a * s, b * s)] == VALID).collect())
-                .collect();
+                (0..=m).map(|b| (0..=m).map(|a| q[at(2 * a * h, 2 * b * h)]).collect()).collect();
+            let valid: Vec<Vec<bool>> =
+                (0..=m).map(|b| (0..=m).map(|a| valid_at(2 * a * h, 2 * b * h)).collect()).collect();
             replace(&mut p, &valid);
             let weights = i128::from(chunk.get(3).copied().unwrap_or(0x85));
             let (sharpness, skew) = (weights % 16, weights / 16 - 8);
             let mut planes = Planes { m: m as i64, sharpness, skew, p, c: vec![vec![0; m]; m] };
-            let h = s / 2;
-            for b in 0..m {
-                for a in 0..m {
-                    planes.c[b][a] = take(planes.centre(a as i64, b as i64));
-                    q[at((2 * a + 1) * h, (2 * b + 1) * h)] = planes.c[b][a];
-                }
+            let mut void = Vec::new();
+            let mut put = |x: usize, y: usize, prediction: i128| {
+                let (code, residual) = take(prediction, valid_at(x * h, y * h));
+                q[at(x * h, y * h)] = code;
+                void.push((x * h, y * h, residual));
+                code
+            };
+            for (a, b) in grid(m, m) {
+                planes.c[b][a] = put(2 * a + 1, 2 * b + 1, planes.centre(a as i64, b as i64));
             }
-            for b in 0..=m {
-                for a in 0..m {
-                    q[at((2 * a + 1) * h, 2 * b * h)] = take(planes.horizontal(a as i64, b as i64));
-                }
+            for (a, b) in grid(m, m + 1) {
+                put(2 * a + 1, 2 * b, planes.horizontal(a as i64, b as i64));
             }
-            for b in 0..m {
-                for a in 0..=m {
-                    q[at(2 * a * h, (2 * b + 1) * h)] = take(planes.vertical(a as i64, b as i64));
-                }
+            for (a, b) in grid(m + 1, m) {
+                put(2 * a, 2 * b + 1, planes.vertical(a as i64, b as i64));
+            }
+            for (x, y, residual) in void.into_iter().filter(|(x, y, _)| !valid_at(*x, *y)) {
+                let around = grid(3, 3).map(|(i, j)| (x + i * h, y + j * h));
+                let inside = around.filter(|(x, y)| (h..=n + h).contains(x) && (h..=n + h).contains(y));
+                let near = inside.map(|(x, y)| (x - h, y - h)).filter(|(x, y)| valid_at(*x, *y));
+                let mut near: Vec<i128> = near.map(|(x, y)| q[at(x, y)]).collect();
+                near.sort_unstable();
+                let median = if near.is_empty() { q[at(x, y)] } else { near[(near.len() - 1) / 2] };
+                q[at(x, y)] = i128::from((median + residual) as i32);
             }
             m *= 2;
         }

@@ -81,7 +81,10 @@ pub fn leaf(
     errors
 }
 
-/// Errors of the patches of a tile above the leaves, drawn at spacing `patch`, row by row.
+/// What spacing `patch` adds to the errors of the patches of a tile above the leaves, row by row.
+///
+/// **To be joined with the errors of spacing `patch / 2` by maximum**: a point that is misdrawn there already is in
+/// them, so only points are looked at whose drawing the last halving of the detail has changed.
 ///
 /// `state` holds its own `(n + 1)^2` samples. `block` says of each of the `n x n` closed blocks (one interval of this
 /// level) what the full resolution has in it: bit 0 a valid sample, bit 1 a void one. `spacing` is of this level's
@@ -121,7 +124,7 @@ pub fn above(
     let pyramid = Pyramid::new(n, reach);
     let level = patch.ilog2() as usize;
     let drawing = Drawing { state, level, flip: parity && patch == n };
-    let mut cell = AboveCell { block, n, void: &void, valid: &valid, half, places: Vec::new() };
+    let mut cell = AboveCell { state, block, n, finer: patch / 2, void: &void, valid: &valid, half, places: Vec::new() };
     for (i, error) in errors.iter_mut().enumerate() {
         *error = pyramid.farthest(&drawing, level, (i % side, i / side), &mut cell);
     }
@@ -219,6 +222,12 @@ impl LeafCell<'_> {
         self.segments.clear();
         self.cells.clear();
         let (nearest, n) = (self.nearest, self.n);
+        for y in at.1.saturating_sub(1)..=(at.1 + 1).min(n - 1) {
+            for x in at.0.saturating_sub(1)..=(at.0 + 1).min(n - 1) {
+                self.cells.push((x, y));
+                self.push_segments(at, (x, y));
+            }
+        }
         around(nearest, n, at, |[fx, fy]| {
             // A vertex on a side belongs to the cells on both sides of it.
             let cells = |feature: i16| {
@@ -316,8 +325,11 @@ fn mark_places(nearest: &mut Nearest, state: &[u8], block: &[u8], n: usize, vali
 
 /// A block of a tile above the leaves.
 struct AboveCell<'a> {
+    state: &'a [u8],
     block: &'a [u8],
     n: usize,
+    /// The next finer spacing.
+    finer: usize,
     /// What is known to hold something void: a valid point is no farther from the outline.
     void: &'a Nearest,
     /// What is known to hold something valid.
@@ -327,6 +339,21 @@ struct AboveCell<'a> {
 }
 
 impl AboveCell<'_> {
+    /// Validity at sample `(x, y)`, drawn at the next finer spacing.
+    fn drawn_finer(&self, (x, y): (usize, usize)) -> f64 {
+        let s = self.finer;
+        let (i, j) = ((x / s).min(self.n / s - 1), (y / s).min(self.n / s - 1));
+        let at = |i: usize, j: usize| f64::from(u8::from(self.state[j * s * (self.n + 1) + i * s] == VALID));
+        let (nw, ne, sw, se) = (at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1));
+        let (u, v) = ((x - i * s) as f64 / s as f64, (y - j * s) as f64 / s as f64);
+        match ((i + j) % 2 == 0, u > v, u + v < 1.0) {
+            (true, true, _) => nw + u * (ne - nw) + v * (se - ne),
+            (true, false, _) => nw + u * (se - sw) + v * (sw - nw),
+            (false, _, true) => nw + u * (ne - nw) + v * (sw - nw),
+            (false, _, false) => se + (1.0 - u) * (sw - se) + (1.0 - v) * (ne - se),
+        }
+    }
+
     /// Collects what is near a block, of the kind that its misdrawn points are not.
     fn collect(&mut self, (x, y): (usize, usize), fault: Fault) {
         self.places.clear();
@@ -343,17 +370,18 @@ impl AboveCell<'_> {
 }
 
 impl Cell for AboveCell<'_> {
-    fn look(&mut self, at: (usize, usize), drawn: Corners, bound: &mut Bound) {
-        let bits = self.block[at.1 * self.n + at.0];
+    fn look(&mut self, (x, y): (usize, usize), drawn: Corners, bound: &mut Bound) {
+        let bits = self.block[y * self.n + x];
         let size = (2.0 * self.half.0, 2.0 * self.half.1);
-        for (fault, bit, full) in [(Fault::Shown, HAS_VOID, 0.0), (Fault::Hidden, HAS_VALID, 1.0)] {
+        let finer = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].map(|sample| self.drawn_finer(sample));
+        for (fault, bit) in [(Fault::Shown, HAS_VOID), (Fault::Hidden, HAS_VALID)] {
             if bits & bit == 0 {
                 continue;
             }
-            let parts = triangles((at.0 + at.1) % 2 == 0)
-                .map(|triangle| Polygon::misdrawn(triangle, size, [full; 4], drawn, fault));
+            let parts = triangles((x + y) % 2 == 0)
+                .map(|triangle| Polygon::misdrawn(triangle, size, finer, drawn, fault));
             if parts.iter().any(Option::is_some) {
-                self.collect(at, fault);
+                self.collect((x, y), fault);
             }
             for polygon in parts.iter().flatten() {
                 polygon.farthest(&mut self.places, ABOVE_HALVINGS, bound);

@@ -101,7 +101,7 @@ fn describe(dataset: &Dataset, limits: &Limits) -> Result<(SourceInfo, bool)> {
         width: side("the width of the raster", width, limits)?,
         height: side("the height of the raster", height, limits)?,
         sample_type,
-        nodata: band.no_data_value(),
+        nodata: band.no_data_value().map(|value| metadata::rounded(value, sample_type)),
         band_scale: band.scale().unwrap_or(1.0),
         band_offset: band.offset().unwrap_or(0.0),
         vertical_unit: metadata::vertical_unit(Some(&unit), vertical),

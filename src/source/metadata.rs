@@ -19,8 +19,12 @@ pub(crate) fn number(text: &str) -> Option<f64> {
 
 /// The nodata value of GDAL's tag, rounded as the samples are: a float32 raster holds no other value.
 pub(crate) fn nodata(text: &str, kind: SampleType) -> Option<f64> {
-    let value = number(text)?;
-    Some(if kind == SampleType::Float32 { nearest_f32(value) } else { value })
+    number(text).map(|value| rounded(value, kind))
+}
+
+/// A nodata value as samples of this type would hold it.
+pub(crate) fn rounded(value: f64, kind: SampleType) -> f64 {
+    if kind == SampleType::Float32 { nearest_f32(value) } else { value }
 }
 
 /// A value as a float32 would hold it; one far outside stays as it is, so that no sample equals it. Texts of the

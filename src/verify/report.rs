@@ -232,16 +232,12 @@ pub struct Ratios {
 }
 
 impl Ratios {
-    /// Of pairs (stored, true), in metres; `None` if none counts.
-    pub(super) fn of(pairs: &[(f64, f64)]) -> Option<Self> {
-        let least = pairs.iter().fold(0.0_f64, |most, pair| most.max(pair.1)) / 256.0;
-        let mut ratios: Vec<f64> =
-            pairs.iter().filter(|pair| pair.1 > least).map(|(stored, truth)| stored / truth).collect();
+    /// Of stored / true; `None` if there are none.
+    pub(super) fn of(ratios: &[f32]) -> Option<Self> {
+        let mut ratios: Vec<f64> = ratios.iter().copied().map(f64::from).collect();
         ratios.sort_unstable_by(f64::total_cmp);
-        let rank = |percent: usize| {
-            ratios.get((ratios.len() * percent).div_ceil(100).saturating_sub(1)).copied().unwrap_or(0.0)
-        };
-        let (&min, &max) = (ratios.first()?, ratios.last()?);
-        Some(Self { patches: ratios.len() as u64, min, median: rank(50), p99: rank(99), max })
+        let rank = |percent: usize| ratios.get((ratios.len() * percent).div_ceil(100).max(1) - 1).copied();
+        let (min, max) = (rank(0)?, rank(100)?);
+        Some(Self { patches: ratios.len() as u64, min, median: rank(50)?, p99: rank(99)?, max })
     }
 }

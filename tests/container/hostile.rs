@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use relevo::codec::frame;
-use relevo::container::directory::{ChunkKind, Page, PageRef};
+use relevo::container::directory::{ChunkKind, Page, PageRef, TileEntry};
 use relevo::container::{Header, Reader};
 use relevo::{Error, Result, TileId};
 
@@ -240,13 +240,8 @@ fn a_page_may_not_refer_to_itself_or_behind() {
     let opening = bench.opening();
     assert_eq!(opening.header.levels, 11);
     let root = Page::decode(&unpacked(&bench.section(2)), TileId::ROOT, &opening.header).unwrap();
-    let Some((first, place)) = root
-        .tiles
-        .iter()
-        .flat_map(|tile| tile.child_ids())
-        .filter(|id| id.level == 2)
-        .zip(&root.pages)
-        .next()
+    let Some((first, place)) =
+        root.tiles.iter().flat_map(TileEntry::child_ids).filter(|id| id.level == 2).zip(&root.pages).next()
     else {
         panic!("no page at level 2")
     };

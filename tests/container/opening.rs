@@ -71,7 +71,9 @@ pub fn lay_out(opening: &Opening, parts: &[(u32, u32, Vec<u8>)]) -> Vec<u8> {
         end += length;
     }
     let mut out = Opening { sections, file_length: end, ..opening.clone() }.encode();
-    parts.iter().for_each(|(_, _, bytes)| out.extend(bytes));
+    for (_, _, bytes) in parts {
+        out.extend(bytes);
+    }
     out
 }
 

@@ -1,6 +1,6 @@
 //! A sparse raster and its pyramid, straight from the words of section 2: slow, and an oracle for that.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 
 use relevo::TileId;
@@ -131,7 +131,7 @@ impl Raster {
 
     /// The tiles that exist: those whose closed square holds a valid sample.
     pub fn existing(&self) -> Vec<TileId> {
-        let mut ids = BTreeMap::new();
+        let mut ids = BTreeSet::new();
         for &(column, row) in self.valid.keys() {
             for level in 0..=self.header.levels {
                 let side = u64::from(self.header.tile()) * u64::from(self.header.spacing(level));
@@ -145,12 +145,12 @@ impl Raster {
                 };
                 for x in of(column) {
                     for y in of(row) {
-                        ids.insert(TileId::new(level, x as u32, y as u32), ());
+                        ids.insert(TileId::new(level, x as u32, y as u32));
                     }
                 }
             }
         }
-        ids.into_keys().filter(|&id| self.header.holds(id)).collect()
+        ids.into_iter().filter(|&id| self.header.holds(id)).collect()
     }
 
     /// Records and chunks of all tiles.

@@ -1,0 +1,284 @@
+//! The walk through a tile's newborn samples: the same stages and predictions for encoder and decoder, which differ in
+//! what they do with a row of predictions.
+
+use crate::codec::order::{self, Row, Stage};
+use crate::codec::predict::{Planes, Weights, Word};
+use crate::codec::probe::Target;
+use crate::codec::{bits, void};
+use crate::sample::{FILLED, VALID, VOID};
+
+/// What encoder and decoder do with the newborn samples.
+pub trait Coder {
+    /// Codes of the whole lattice, right for the samples that are known.
+    fn codes(&self) -> &[i32];
+    /// The code of the next corner of the root, of which the prediction is known.
+    fn code_corner(&mut self, at: usize, prediction: i32) -> i32;
+    /// Takes the predictions of the next row and puts the codes in their place; void samples keep their predictions.
+    fn code_row(&mut self, row: Row, codes: &mut [i32]);
+    /// The sharpness of a stage whose parents are set.
+    fn sharpness<W: Word>(&mut self, stage: Stage, planes: &mut Planes<W>) -> i32;
+    /// The weights of a stage whose centres are set.
+    fn weights<W: Word>(&mut self, stage: Stage, planes: &mut Planes<W>) -> Weights;
+    /// Codes the fills of the stage's void samples, when its valid samples are all known.
+    fn fill(&mut self, stage: Stage);
+}
+
+/// The places of a tile's samples.
+#[derive(Clone, Copy)]
+pub struct Places<'a> {
+    /// Intervals on a side.
+    pub n: usize,
+    /// True if the tile has no parent.
+    pub root: bool,
+    /// State of all samples.
+    pub state: &'a [u8],
+    /// False if all samples are valid: most tiles, and faster.
+    pub has_void: bool,
+}
+
+impl<'a> Places<'a> {
+    /// Places of a tile.
+    pub fn new(n: usize, root: bool, state: &'a [u8]) -> Self {
+        Self { n, root, state, has_void: !void::all_valid(state) }
+    }
+}
+
+/// Buffers of [`Walk::run`].
+#[derive(Default)]
+pub struct Walk {
+    buffers: Buffers,
+    narrow: Planes<i32>,
+    wide: Planes<i64>,
+}
+
+/// Those of the buffers that do not depend on the width of the arithmetic.
+#[derive(Default)]
+struct Buffers {
+    row: Vec<i32>,
+    parents: Vec<i32>,
+    valid: Vec<bool>,
+}
+
+impl Walk {
+    /// Sends all newborn samples through `coder`, in order.
+    pub fn run(&mut self, narrow: bool, places: Places<'_>, coder: &mut impl Coder) {
+        if narrow {
+            self.buffers.walk(&mut self.narrow, places, coder);
+        } else {
+            self.buffers.walk(&mut self.wide, places, coder);
+        }
+    }
+}
+
+impl Buffers {
+    /// Sends all newborn samples through `coder`, predicted in `W`.
+    fn walk<W: Word>(&mut self, planes: &mut Planes<W>, places: Places<'_>, coder: &mut impl Coder) {
+        let Places { n, root, .. } = places;
+        self.row.clear();
+        self.row.resize(n / 2 + 1, 0);
+        let base_of_root = root.then(|| code_corners(n, coder));
+        for stage in order::stages(n, root) {
+            self.gather_parents(stage, places, coder.codes());
+            planes.start(stage.m, &self.parents, base_of_root.unwrap_or(self.parents[0]));
+            refine(&mut self.row, planes, stage, coder);
+            if places.has_void {
+                coder.fill(stage);
+            }
+        }
+    }
+
+    /// Sets the parents of a stage, the void ones replaced.
+    fn gather_parents(&mut self, stage: Stage, places: Places<'_>, codes: &[i32]) {
+        self.parents.clear();
+        for b in 0..=stage.m {
+            stage.parents(b).gather(codes, &mut self.parents);
+        }
+        if places.has_void {
+            self.valid.clear();
+            for b in 0..=stage.m {
+                self.valid.extend(stage.parents(b).of(places.state).map(|&state| state == VALID));
+            }
+            void::replace(&mut self.parents, &self.valid, stage.m);
+        }
+    }
+}
+
+/// Sends C, H and V of a stage through `coder`.
+fn refine<W: Word>(row: &mut [i32], planes: &mut Planes<W>, stage: Stage, coder: &mut impl Coder) {
+    let m = stage.m;
+    let sharpness = coder.sharpness(stage, planes);
+    for b in 0..m {
+        planes.predict_centres(b, sharpness, &mut row[..m]);
+        coder.code_row(stage.centres(b), &mut row[..m]);
+        planes.set_centres(b, &row[..m]);
+    }
+    planes.finish_centres();
+    let weights = coder.weights(stage, planes);
+    for b in 0..=m {
+        planes.predict_horizontals(b, weights, &mut row[..m]);
+        coder.code_row(stage.horizontals(b), &mut row[..m]);
+    }
+    for b in 0..m {
+        planes.predict_verticals(b, weights, &mut row[..=m]);
+        coder.code_row(stage.verticals(b), &mut row[..=m]);
+    }
+}
+
+/// Sends the corners of the root through `coder`, each predicted by the one before; gives the first.
+fn code_corners(n: usize, coder: &mut impl Coder) -> i32 {
+    let mut code = 0;
+    let mut first = None;
+    for at in order::corners(n, true).flat_map(Row::indices) {
+        code = coder.code_corner(at, code);
+        first.get_or_insert(code);
+    }
+    first.unwrap_or(0)
+}
+
+/// Takes residuals of what is there.
+pub struct Encoder<'a> {
+    pub codes: &'a [i32],
+    pub places: Places<'a>,
+    /// Residuals (zigzag), appended to.
+    pub residuals: &'a mut Vec<u32>,
+    /// One row.
+    pub actual: &'a mut Vec<i32>,
+    /// Those of the last stage.
+    pub weights: Weights,
+    /// Weights are still to be chosen; otherwise they stay.
+    pub choose: bool,
+}
+
+impl Encoder<'_> {
+    /// What the samples of a stage should be.
+    fn target(&self, stage: Stage) -> Target<'_> {
+        Target { codes: self.codes, state: self.places.state, stage }
+    }
+}
+
+impl Coder for Encoder<'_> {
+    fn codes(&self) -> &[i32] {
+        self.codes
+    }
+
+    fn code_corner(&mut self, at: usize, prediction: i32) -> i32 {
+        let void = self.places.state[at] == VOID;
+        let residual = if void { 0 } else { self.codes[at].wrapping_sub(prediction) };
+        self.residuals.push(bits::zigzag(residual));
+        prediction.wrapping_add(residual)
+    }
+
+    fn code_row(&mut self, row: Row, codes: &mut [i32]) {
+        self.actual.clear();
+        row.gather(self.codes, self.actual);
+        if self.places.has_void {
+            let samples = codes.iter_mut().zip(self.actual.iter()).zip(row.of(self.places.state));
+            self.residuals.extend(samples.map(|((code, &actual), &state)| {
+                let residual = if state == VOID { 0 } else { actual.wrapping_sub(*code) };
+                *code = if state == VALID { actual } else { *code };
+                bits::zigzag(residual)
+            }));
+        } else {
+            let samples = codes.iter().zip(self.actual.iter());
+            self.residuals.extend(samples.map(|(code, actual)| bits::zigzag(actual.wrapping_sub(*code))));
+            codes.copy_from_slice(self.actual);
+        }
+    }
+
+    fn sharpness<W: Word>(&mut self, stage: Stage, planes: &mut Planes<W>) -> i32 {
+        if self.choose {
+            self.weights.sharpness = planes.choose_sharpness(self.target(stage));
+        }
+        self.weights.sharpness
+    }
+
+    fn weights<W: Word>(&mut self, stage: Stage, planes: &mut Planes<W>) -> Weights {
+        if self.choose {
+            self.weights.skew = planes.choose_skew(self.target(stage), self.weights.sharpness);
+        }
+        self.weights
+    }
+
+    fn fill(&mut self, stage: Stage) {
+        let state = self.places.state;
+        let mut start = self.residuals.len() - stage.newborn_count();
+        for row in stage.newborn() {
+            let residuals = &mut self.residuals[start..start + row.count];
+            start += row.count;
+            if void::all_valid(&state[row.first..row.end()]) {
+                continue;
+            }
+            for (residual, at) in residuals.iter_mut().zip(row.indices()) {
+                if state[at] == FILLED
+                    && let Some(median) = void::lower_median(self.codes, state, stage, at)
+                {
+                    *residual = bits::zigzag(self.codes[at].wrapping_sub(median));
+                }
+            }
+        }
+    }
+}
+
+/// Adds residuals to what was predicted.
+pub struct Decoder<'a> {
+    pub codes: &'a mut [i32],
+    pub places: Places<'a>,
+    /// Residuals (zigzag) of all newborn samples.
+    pub residuals: &'a [u32],
+    /// Residuals used up.
+    pub used: usize,
+    pub weights: Weights,
+}
+
+impl Coder for Decoder<'_> {
+    fn codes(&self) -> &[i32] {
+        self.codes
+    }
+
+    fn code_corner(&mut self, at: usize, prediction: i32) -> i32 {
+        self.codes[at] = prediction.wrapping_add(bits::unzigzag(self.residuals[self.used]));
+        self.used += 1;
+        self.codes[at]
+    }
+
+    fn code_row(&mut self, row: Row, codes: &mut [i32]) {
+        let residuals = &self.residuals[self.used..self.used + row.count];
+        self.used += row.count;
+        if self.places.has_void {
+            for ((code, &g), &state) in codes.iter_mut().zip(residuals).zip(row.of(self.places.state)) {
+                *code = if state == VALID { code.wrapping_add(bits::unzigzag(g)) } else { *code };
+            }
+        } else {
+            for (code, &g) in codes.iter_mut().zip(residuals) {
+                *code = code.wrapping_add(bits::unzigzag(g));
+            }
+        }
+        row.scatter(codes, self.codes);
+    }
+
+    fn sharpness<W: Word>(&mut self, _: Stage, _: &mut Planes<W>) -> i32 {
+        self.weights.sharpness
+    }
+
+    fn weights<W: Word>(&mut self, _: Stage, _: &mut Planes<W>) -> Weights {
+        self.weights
+    }
+
+    fn fill(&mut self, stage: Stage) {
+        let state = self.places.state;
+        let mut start = self.used - stage.newborn_count();
+        for row in stage.newborn() {
+            let residuals = &self.residuals[start..start + row.count];
+            start += row.count;
+            if void::all_valid(&state[row.first..row.end()]) {
+                continue;
+            }
+            for (&g, at) in residuals.iter().zip(row.indices()) {
+                if state[at] != VALID {
+                    let median = void::lower_median(self.codes, state, stage, at);
+                    self.codes[at] = median.unwrap_or(self.codes[at]).wrapping_add(bits::unzigzag(g));
+                }
+            }
+        }
+    }
+}
