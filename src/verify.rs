@@ -15,13 +15,15 @@ mod raster;
 mod report;
 mod shape;
 mod statistics;
+#[cfg(test)]
+mod tests;
 mod tiles;
 mod vertical;
 
 pub use report::{Check, Place, Problem, Ratios, Tightness, VerifyReport};
 
 use crate::container::reader::Reader;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::source::Source;
 
 /// What to check, and how much of it to tell.
@@ -52,6 +54,9 @@ pub struct Progress {
     pub total: u64,
 }
 
+/// Hears how far a verification is; `false` stops it with [`Error::Interrupted`].
+pub type Watch<'a> = &'a mut dyn FnMut(Progress) -> bool;
+
 /// Checks an open file.
 ///
 /// Damage is a finding, not an error; a disk that cannot be read, or a raster too large for `deep`, is an error.
@@ -59,7 +64,7 @@ pub fn verify(
     reader: &Reader,
     source: Option<&dyn Source>,
     options: &VerifyOptions,
-    progress: &mut dyn FnMut(Progress),
+    progress: Watch,
 ) -> Result<VerifyReport> {
     let mut report = VerifyReport::default();
     report.checks.push(index::sections(reader, options)?);
@@ -73,4 +78,17 @@ pub fn verify(
         deep::check(reader, &tables, options, progress, &mut report)?;
     }
     Ok(report)
+}
+
+/// The report of a file that a reader has refused to open as damaged. Any other reason is passed on.
+pub fn refused(error: Error) -> Result<VerifyReport> {
+    let mut check = Check::new("opening", "files", 1);
+    check.looked_at = 1;
+    check.take(Err::<(), _>(error), Place::default())?;
+    Ok(VerifyReport { checks: vec![check], tightness: Vec::new() })
+}
+
+/// Tells how far the work is.
+fn tell(progress: &mut dyn FnMut(Progress) -> bool, stage: &'static str, done: u64, total: u64) -> Result<()> {
+    if progress(Progress { stage, done, total }) { Ok(()) } else { Err(Error::Interrupted) }
 }

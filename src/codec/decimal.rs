@@ -38,21 +38,27 @@ pub fn code_from_q(q: i32, scale: f64) -> i32 {
 
 /// The transform with the smallest scale that gives every newborn sample with a height back, 0 if there is none.
 pub fn detect(lattice: &Lattice, root: bool) -> u8 {
-    let live = || {
-        order::newborn(lattice.n, root).flat_map(|row| {
-            let states = row.of(&lattice.state);
-            row.of(&lattice.code).zip(states).filter(|(_, state)| **state != VOID).map(|(&code, _)| code)
+    let stride = order::newborn_count(lattice.n, root) / PROBES + 1;
+    let mut probes = Vec::with_capacity(PROBES);
+    let mut seen = 0;
+    for row in order::newborn(lattice.n, root) {
+        // One probe in a row at most: rows are shorter than the stride.
+        let place = row.first + seen % row.count * row.step;
+        if lattice.state[place] != VOID && seen >= probes.len() * stride {
+            probes.push(lattice.code[place]);
+        }
+        seen += row.count;
+    }
+    let fits = |transform: &u8| {
+        scale(*transform).is_some_and(|scale| {
+            probes.iter().all(|&code| is_exact(code, scale))
+                && order::newborn(lattice.n, root).all(|row| {
+                    let mut samples = row.of(&lattice.code).zip(row.of(&lattice.state));
+                    samples.all(|(&code, &state)| state == VOID || is_exact(code, scale))
+                })
         })
     };
-    let fits = |transform: &u8| {
-        let Some(scale) = scale(*transform) else { return false };
-        let stride = order::newborn_count(lattice.n, root) / PROBES + 1;
-        live().step_by(stride).all(|code| is_exact(code, scale)) && live().all(|code| is_exact(code, scale))
-    };
-    if live().next().is_none() {
-        return 0;
-    }
-    BY_SCALE.iter().copied().find(|transform| fits(transform)).unwrap_or(0)
+    BY_SCALE.iter().copied().find(fits).unwrap_or(0)
 }
 
 /// True if the transform gives `code` back, bit for bit, by a small number.

@@ -105,9 +105,13 @@ pub fn decode(
     }
     let scale = decimal::scale(parts.transform);
     if let Some(scale) = scale {
-        // Newborn samples are overwritten before they are read.
-        scratch.decimals.clear();
-        scratch.decimals.extend(lattice.code.iter().map(|&code| decimal::q_from_code(code, scale)));
+        // All others are newborn, and overwritten before they are read.
+        scratch.decimals.resize(lattice.code.len(), 0);
+        for stage in order::stages(n, root).take(usize::from(!root)) {
+            for at in (0..=stage.m).flat_map(|b| stage.parents(b).indices()) {
+                scratch.decimals[at] = decimal::q_from_code(lattice.code[at], scale);
+            }
+        }
     }
     let codes = if scale.is_some() { &mut scratch.decimals } else { &mut lattice.code };
     let (places, residuals) = (Places::new(n, root, &lattice.state), &scratch.residuals[..]);

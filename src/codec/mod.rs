@@ -13,6 +13,8 @@ pub mod table;
 
 mod bits;
 mod decimal;
+#[cfg(test)]
+mod oracle;
 mod order;
 mod predict;
 mod probe;

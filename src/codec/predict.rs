@@ -26,70 +26,70 @@ pub trait Word: Copy + Default {
 }
 
 impl Word for i32 {
-    #[inline(always)]
+    #[inline]
     fn from_code(code: i32, base: i32) -> Self {
         code.wrapping_sub(base)
     }
-    #[inline(always)]
+    #[inline]
     fn code(self, base: i32) -> i32 {
         self.wrapping_add(base)
     }
-    #[inline(always)]
+    #[inline]
     fn plus(self, other: Self) -> Self {
         self.wrapping_add(other)
     }
-    #[inline(always)]
+    #[inline]
     fn minus(self, other: Self) -> Self {
         self.wrapping_sub(other)
     }
-    #[inline(always)]
+    #[inline]
     fn up(self, bits: u32) -> Self {
         self << bits
     }
-    #[inline(always)]
+    #[inline]
     fn times(self, factor: i32) -> Self {
         self.wrapping_mul(factor)
     }
-    #[inline(always)]
+    #[inline]
     fn magnitude(self) -> u64 {
         u64::from(self.unsigned_abs())
     }
-    #[inline(always)]
+    #[inline]
     fn rounded_down(self, bits: u32) -> Self {
         self.wrapping_add(1 << (bits - 1)) >> bits
     }
 }
 
 impl Word for i64 {
-    #[inline(always)]
+    #[inline]
     fn from_code(code: i32, base: i32) -> Self {
         Self::from(code) - Self::from(base)
     }
-    #[inline(always)]
+    #[inline]
     fn code(self, base: i32) -> i32 {
         (self as i32).wrapping_add(base)
     }
-    #[inline(always)]
+    #[inline]
     fn plus(self, other: Self) -> Self {
         self.wrapping_add(other)
     }
-    #[inline(always)]
+    #[inline]
     fn minus(self, other: Self) -> Self {
         self.wrapping_sub(other)
     }
-    #[inline(always)]
+    #[inline]
     fn up(self, bits: u32) -> Self {
         self << bits
     }
-    #[inline(always)]
+    #[inline]
     fn times(self, factor: i32) -> Self {
         self.wrapping_mul(Self::from(factor))
     }
-    #[inline(always)]
+    #[inline]
     fn magnitude(self) -> u64 {
         self.unsigned_abs()
     }
-    #[inline(always)]
+    #[inline]
     fn rounded_down(self, bits: u32) -> Self {
         self.wrapping_add(1 << (bits - 1)) >> bits
     }
@@ -204,7 +204,7 @@ pub struct Sums<W> {
 
 impl<W: Word> Sums<W> {
     /// From the two nearest and the four farther samples to the east and west, and to the north and south.
-    #[inline(always)]
+    #[inline]
     fn new(near: [W; 2], far: [W; 2]) -> Self {
         let (sum, rest) = (near[0].plus(near[1]), far[0].plus(far[1]));
         let tilt = near[0].minus(near[1]).up(2).minus(far[0].minus(far[1]));
@@ -212,7 +212,7 @@ impl<W: Word> Sums<W> {
     }
 
     /// The prediction.
-    #[inline(always)]
+    #[inline]
     fn weighted(&self, weights: Weights) -> W {
         let straight = self.near.up(5).plus(self.bend.times(weights.sharpness));
         straight.plus(self.tilt.times(weights.skew)).rounded_down(7)
@@ -275,7 +275,7 @@ impl<W: Word> Planes<W> {
     }
 
     /// The neighbours of row `b` of the centres.
-    #[inline(always)]
+    #[inline]
     pub(super) fn centres(&self, b: usize, m: usize, mut take: impl FnMut(usize, Sums<W>)) {
         let (above, upper) = (self.parents.padded(b), self.parents.padded(b + 1));
         let (lower, below) = (self.parents.padded(b + 2), self.parents.padded(b + 3));
@@ -292,7 +292,7 @@ impl<W: Word> Planes<W> {
     }
 
     /// The neighbours of an inner row of H.
-    #[inline(always)]
+    #[inline]
     pub(super) fn horizontals(&self, b: usize, m: usize, mut take: impl FnMut(usize, Sums<W>)) {
         let row = self.parents.padded(b + 1);
         let (w, e) = (&row[1..=m], &row[2..m + 2]);
@@ -310,7 +310,7 @@ impl<W: Word> Planes<W> {
     }
 
     /// The neighbours of the inner columns of row `b` of V, numbered from 0.
-    #[inline(always)]
+    #[inline]
     pub(super) fn verticals(&self, b: usize, count: usize, mut take: impl FnMut(usize, Sums<W>)) {
         let (upper_w, upper, upper_e) = triplet(&self.parents.padded(b + 1)[1..], count);
         let (lower_w, lower, lower_e) = triplet(&self.parents.padded(b + 2)[1..], count);
@@ -329,19 +329,19 @@ impl<W: Word> Planes<W> {
 }
 
 /// `(9 near - far + 8) >> 4`: the cubic through four samples of a line.
-#[inline(always)]
+#[inline]
 fn four_taps<W: Word>(near: W, far: W) -> W {
     near.up(3).plus(near).minus(far).rounded_down(4)
 }
 
 /// `row` from its first, second and third sample on, `count` each.
-#[inline(always)]
+#[inline]
 fn triplet<W>(row: &[W], count: usize) -> (&[W], &[W], &[W]) {
     (&row[..count], &row[1..=count], &row[2..count + 2])
 }
 
 /// `row` from its first, second, third and fourth sample on, `count` each.
-#[inline(always)]
+#[inline]
 fn quartet<W>(row: &[W], count: usize) -> (&[W], &[W], &[W], &[W]) {
     (&row[..count], &row[1..=count], &row[2..count + 2], &row[3..count + 3])
 }

@@ -17,8 +17,8 @@ pub enum Heights {
     Wide(Vec<f64>),
 }
 
-/// `s (z - D)` with `s <= 2^10` stays below 2^30 up to this range.
-const NARROW_RANGE: i64 = 1 << 19;
+/// Up to this range no partial sum of `s (z - D)`, `s <= 2^10`, leaves 32 bits: its terms add up to at most 12 s ranges.
+const NARROW_RANGE: i64 = 1 << 17;
 
 impl Heights {
     /// Heights of a tile. Void samples without a fill are whatever they are: no shown triangle has them.
@@ -54,82 +54,133 @@ impl Heights {
 }
 
 /// Numbers that rows are compared in.
-trait Number: Copy + PartialOrd {
-    const ZERO: Self;
-    fn of(v: usize) -> Self;
+trait Number: Copy + PartialOrd + Default {
     fn plus(self, other: Self) -> Self;
     fn minus(self, other: Self) -> Self;
-    fn times(self, other: Self) -> Self;
-    fn larger(self, other: Self) -> Self;
+    /// Times `2^bits`.
+    fn scaled(self, bits: u32) -> Self;
     fn magnitude(self) -> Self;
-}
 
-macro_rules! number {
-    ($kind:ty, $zero:expr, $max:path) => {
-        impl Number for $kind {
-            const ZERO: Self = $zero;
-            #[inline]
-            fn of(v: usize) -> Self {
-                v as Self
-            }
-            #[inline]
-            fn plus(self, other: Self) -> Self {
-                self + other
-            }
-            #[inline]
-            fn minus(self, other: Self) -> Self {
-                self - other
-            }
-            #[inline]
-            fn times(self, other: Self) -> Self {
-                self * other
-            }
-            #[inline]
-            fn larger(self, other: Self) -> Self {
-                if other > self { other } else { self }
-            }
-            #[inline]
-            fn magnitude(self) -> Self {
-                self.abs()
-            }
-        }
-    };
-}
-number!(i32, 0, i32::max);
-number!(f64, 0.0, f64::max);
-
-/// Largest `|s z - (base + slope x)|` along a run of samples.
-#[inline]
-fn run<N: Number>(z: &[N], s: N, base: N, slope: N, worst: N) -> N {
-    let mut worst = worst;
-    for (x, &height) in z.iter().enumerate() {
-        let difference = height.times(s).minus(base).minus(slope.times(N::of(x)));
-        worst = worst.larger(difference.magnitude());
+    fn larger(self, other: Self) -> Self {
+        if other > self { other } else { self }
     }
-    worst
+}
+
+impl Number for i32 {
+    #[inline]
+    fn plus(self, other: Self) -> Self {
+        self + other
+    }
+    #[inline]
+    fn minus(self, other: Self) -> Self {
+        self - other
+    }
+    #[inline]
+    fn scaled(self, bits: u32) -> Self {
+        self << bits
+    }
+    #[inline]
+    fn magnitude(self) -> Self {
+        self.abs()
+    }
+}
+
+impl Number for f64 {
+    #[inline]
+    fn plus(self, other: Self) -> Self {
+        self + other
+    }
+    #[inline]
+    fn minus(self, other: Self) -> Self {
+        self - other
+    }
+    #[inline]
+    fn scaled(self, bits: u32) -> Self {
+        self * f64::from(1_u32 << bits)
+    }
+    #[inline]
+    fn magnitude(self) -> Self {
+        self.abs()
+    }
+}
+
+/// Multiples of two slopes, so that the planes of a cell cost additions only.
+struct Ramps<N> {
+    /// `u gx` for u = 0..=s.
+    across: Vec<N>,
+    /// `k max(s - j, 0)` for j = 0..=2s.
+    fold: Vec<N>,
+}
+
+impl<N: Number> Ramps<N> {
+    fn new(s: usize) -> Self {
+        Self { across: vec![N::default(); s + 1], fold: vec![N::default(); 2 * s + 1] }
+    }
+
+    /// Fills in the multiples of `gx` and `k`.
+    fn set(&mut self, gx: N, k: N) {
+        let mut sum = N::default();
+        for to in &mut self.across {
+            *to = sum;
+            sum = sum.plus(gx);
+        }
+        let s = self.across.len() - 1;
+        let mut sum = N::default();
+        for to in self.fold[..=s].iter_mut().rev() {
+            *to = sum;
+            sum = sum.plus(k);
+        }
+    }
+}
+
+/// Largest `s |z - D|` over a cell of two intervals without voids: only its five dropped vertices can differ.
+#[inline]
+fn smallest_cell<N: Number>(z: &[N], stride: usize, falling: bool) -> N {
+    let (north, middle, south) = (&z[..3], &z[stride..stride + 3], &z[2 * stride..2 * stride + 3]);
+    let off = |c: N, a: N, b: N| c.scaled(1).minus(a).minus(b).magnitude();
+    let centre =
+        if falling { off(middle[1], north[0], south[2]) } else { off(middle[1], north[2], south[0]) };
+    off(north[1], north[0], north[2])
+        .larger(off(middle[0], north[0], south[0]))
+        .larger(off(middle[2], north[2], south[2]))
+        .larger(off(south[1], south[0], south[2]))
+        .larger(centre)
 }
 
 /// Largest `s |z - D|` over a cell without voids; `z` starts at its north-west corner.
-fn full_cell<N: Number>(z: &[N], stride: usize, cell: Cell) -> N {
+///
+/// With corners a, b, c, d (north-west, north-east, south-west, south-east) and `u`, `v` from the north-west,
+/// `s D = s a + u (b - a) + v (d - b) + max(v - u, 0) (b + c - a - d)` on both sides of a falling diagonal, and
+/// `s D = s a + u (b - a) + v (c - a) + max(u + v - s, 0) (a + d - b - c)` on both sides of a rising one.
+fn full_cell<N: Number>(z: &[N], stride: usize, cell: Cell, ramps: &mut Ramps<N>) -> N {
     let s = cell.s;
+    if s == 2 {
+        return smallest_cell(z, stride, cell.falling);
+    }
+    let bits = s.trailing_zeros();
     let (a, b, c, d) = (z[0], z[s], z[s * stride], z[s * stride + s]);
-    let n = N::of(s);
-    let mut worst = N::ZERO;
-    for y in 0..=s {
-        let row = &z[y * stride..y * stride + s + 1];
-        let down = N::of(y);
+    let bend = b.plus(c).minus(a).minus(d);
+    let (down, bend) = if cell.falling { (d.minus(b), bend) } else { (c.minus(a), N::default().minus(bend)) };
+    ramps.set(b.minus(a), bend);
+    let mut base = a.scaled(bits);
+    let mut worst = N::default();
+    for v in 0..=s {
+        let row = &z[v * stride..v * stride + s + 1];
         if cell.falling {
-            // West of the diagonal: through a, c, d. East of it: through a, b, d.
-            let west = a.times(n).plus(c.minus(a).times(down));
-            worst = run(&row[..=y], n, west, d.minus(c), worst);
-            let at_diagonal = a.times(n).plus(d.minus(a).times(down));
-            worst = run(&row[y..], n, at_diagonal, b.minus(a), worst);
+            // fold[s - v + u] is bend times max(v - u, 0).
+            for ((&height, &across), &fold) in row.iter().zip(&ramps.across).zip(&ramps.fold[s - v..]) {
+                let difference = height.scaled(bits).minus(base).minus(across).minus(fold);
+                worst = worst.larger(difference.magnitude());
+            }
         } else {
-            let west = a.times(n).plus(c.minus(a).times(down));
-            worst = run(&row[..=s - y], n, west, b.minus(a), worst);
-            let at_diagonal = b.times(n).plus(c.minus(b).times(down));
-            worst = run(&row[s - y..], n, at_diagonal, d.minus(c), worst);
+            // Read from its end, fold[2s - u - v] is bend times max(u + v - s, 0).
+            let fold = ramps.fold[s - v..2 * s + 1 - v].iter().rev();
+            for ((&height, &across), &fold) in row.iter().zip(&ramps.across).zip(fold) {
+                let difference = height.scaled(bits).minus(base).minus(across).minus(fold);
+                worst = worst.larger(difference.magnitude());
+            }
         }
+        base = base.plus(down);
     }
     worst
 }
@@ -267,6 +318,8 @@ pub fn leaf(
     let mut state = unit.to_vec();
     let mut s = 2;
     while s <= n {
+        let mut narrow = Ramps::new(s);
+        let mut wide = Ramps::new(s);
         state = reduce_state(&state, 2 * n / s);
         let cells = n / s;
         let side = if s <= geometry.patch { patches } else { cells };
@@ -278,8 +331,8 @@ pub fn leaf(
                     HAS_VALID => {
                         let from = field.at(column * s, row * s);
                         match &heights {
-                            Heights::Narrow(z) => f64::from(full_cell(&z[from..], n + 1, cell)) / s as f64,
-                            Heights::Wide(z) => full_cell(&z[from..], n + 1, cell) / s as f64,
+                            Heights::Narrow(z) => f64::from(full_cell(&z[from..], n + 1, cell, &mut narrow)) / s as f64,
+                            Heights::Wide(z) => full_cell(&z[from..], n + 1, cell, &mut wide) / s as f64,
                         }
                     }
                     HAS_VOID => 0.0,
@@ -295,4 +348,39 @@ pub fn leaf(
     }
     make_monotone(&mut steps);
     (steps, ahead)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn rows_of_additions_equal_the_planes(
+            bits in 1_u32..6,
+            falling: bool,
+            seed in proptest::collection::vec(0..(NARROW_RANGE as i32), 33 * 33),
+        ) {
+            let s = 1_usize << bits;
+            let cell = Cell { s, falling };
+            let stride = s + 1;
+            let z = &seed[..stride * stride];
+            let corners = [z[0], z[s], z[s * stride], z[s * stride + s]].map(f64::from);
+            let planes = cell.planes(corners);
+            let mut worst = 0.0_f64;
+            for y in 0..=s {
+                for x in 0..=s {
+                    let (fx, fy) = (x as f64, y as f64);
+                    let drawn = planes[cell.triangle(fx, fy)].value(fx, fy);
+                    worst = worst.max((f64::from(z[y * stride + x]) - drawn).abs());
+                }
+            }
+            let narrow = full_cell(z, stride, cell, &mut Ramps::new(s));
+            let wide: Vec<f64> = z.iter().map(|&v| f64::from(v)).collect();
+            let wide = full_cell(&wide, stride, cell, &mut Ramps::new(s));
+            prop_assert_eq!(f64::from(narrow) / s as f64, worst);
+            prop_assert_eq!(wide / s as f64, worst);
+        }
+    }
 }

@@ -16,13 +16,13 @@ mod tests;
 use crate::geo::Spacing;
 use crate::patch::distance::{HalfPoint, Nearest};
 use crate::sample::VALID;
+use search::{Bound, Cell, Corners, Drawing, HAS_VALID, HAS_VOID, MIXED, Pyramid};
+use shape::{Fault, Polygon, Segment, Somewhere, triangles};
+
 /// Halvings of a triangle of a leaf cell: its sides shrink to 1/32.
 const LEAF_HALVINGS: u32 = 10;
 /// Halvings of a triangle of a block: what the block hides is larger.
 const ABOVE_HALVINGS: u32 = 2;
-
-use search::{Bound, Cell, Corners, Drawing, HAS_VALID, HAS_VOID, MIXED, Pyramid};
-use shape::{Fault, Polygon, Segment, Somewhere, triangles};
 
 /// Horizontal errors of a leaf tile, metres.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -35,25 +35,19 @@ pub struct LeafOutline {
 
 /// Errors of a tile whose samples are the full resolution.
 ///
-/// `state` holds `(n + 1)^2` samples; `n` and `patch` are powers of two, `2 <= patch <= n <= 2048`. `parity` is the parity of tile
-/// x + y: it decides the diagonal of the one cell of spacing `n`. A tile without a void or without a valid sample
-/// costs one look at its samples.
-pub fn leaf(
-    state: &[u8],
-    n: usize,
-    patch: usize,
-    parity: bool,
-    spacing: Spacing,
-) -> LeafOutline {
-    debug_assert!(n.is_power_of_two() && patch.is_power_of_two() && patch <= n && state.len() == (n + 1) * (n + 1));
+/// `state` holds `(n + 1)^2` samples; `n` and `patch` are powers of two, `2 <= patch <= n <= 2048`, `4 <= n`. `parity`
+/// is the parity of tile x + y: it decides the diagonal of the one cell of spacing `n`. A tile without a void or
+/// without a valid sample costs one look at its samples.
+pub fn leaf(state: &[u8], n: usize, patch: usize, parity: bool, spacing: Spacing) -> LeafOutline {
+    debug_assert!(
+        n.is_power_of_two() && patch.is_power_of_two() && patch <= n && state.len() == (n + 1) * (n + 1)
+    );
     let (top, p) = (n.ilog2() as usize, patch.ilog2() as usize);
     let zeros = |level: usize| vec![0.0; (n >> level) * (n >> level)];
-    let mut errors = LeafOutline {
-        steps: (0..=p).map(|_| zeros(p)).collect(),
-        ahead: (p + 1..=top).map(zeros).collect(),
-    };
-    let valid = state.iter().filter(|&&state| state == VALID).count();
-    if valid == 0 || valid == state.len() {
+    let mut errors =
+        LeafOutline { steps: (0..=p).map(|_| zeros(p)).collect(), ahead: (p + 1..=top).map(zeros).collect() };
+    let is_valid = |state: &u8| *state == VALID;
+    if state.iter().all(is_valid) || !state.iter().any(is_valid) {
         return errors;
     }
     let spacing = usable(spacing);
@@ -68,7 +62,8 @@ pub fn leaf(
     });
     let pyramid = Pyramid::new(n, reach);
     let known = [vec![f64::INFINITY; n * n], vec![f64::INFINITY; n * n]];
-    let mut cell = LeafCell { state, n, nearest: &nearest, half, segments: Vec::new(), cells: Vec::new(), known };
+    let mut cell =
+        LeafCell { state, n, nearest: &nearest, half, segments: Vec::new(), cells: Vec::new(), known };
     let spacings = errors.steps.iter_mut().zip((0..=p).map(|level| (level, p))).skip(1);
     let spacings = spacings.chain(errors.ahead.iter_mut().zip((p + 1..=top).map(|level| (level, level))));
     for (row_by_row, (level, root)) in spacings {
@@ -92,14 +87,7 @@ pub fn leaf(
 ///
 /// A block with both holds a point of the outline, somewhere; so does any path from a valid sample to a void one.
 /// Hence the error is too large by about a block's diagonal at most.
-pub fn above(
-    state: &[u8],
-    block: &[u8],
-    n: usize,
-    patch: usize,
-    parity: bool,
-    spacing: Spacing,
-) -> Vec<f64> {
+pub fn above(state: &[u8], block: &[u8], n: usize, patch: usize, parity: bool, spacing: Spacing) -> Vec<f64> {
     debug_assert!(state.len() == (n + 1) * (n + 1) && block.len() == n * n && patch >= 4);
     let side = n / patch;
     let mut errors = vec![0.0; side * side];
@@ -124,7 +112,8 @@ pub fn above(
     let pyramid = Pyramid::new(n, reach);
     let level = patch.ilog2() as usize;
     let drawing = Drawing { state, level, flip: parity && patch == n };
-    let mut cell = AboveCell { state, block, n, finer: patch / 2, void: &void, valid: &valid, half, places: Vec::new() };
+    let mut cell =
+        AboveCell { state, block, n, finer: patch / 2, void: &void, valid: &valid, half, places: Vec::new() };
     for (i, error) in errors.iter_mut().enumerate() {
         *error = pyramid.farthest(&drawing, level, (i % side, i / side), &mut cell);
     }
@@ -258,7 +247,9 @@ impl LeafCell<'_> {
                 (false, false) => [b, a, c],
             };
             let midpoint = |other: usize| {
-                let half = |cell: usize, from: usize, corners: usize| 2.0 * (cell as f64 - from as f64) + corners as f64;
+                let half = |cell: usize, from: usize, corners: usize| {
+                    2.0 * (cell as f64 - from as f64) + corners as f64
+                };
                 (
                     half(x, from.0, odd % 2 + other % 2) * self.half.0,
                     half(y, from.1, odd / 2 + other / 2) * self.half.1,
@@ -278,7 +269,7 @@ impl Cell for LeafCell<'_> {
             if bound.settles(self.known[fault as usize][known]) {
                 continue;
             }
-            let parts = triangles((at.0 + at.1) % 2 == 0)
+            let parts = triangles((at.0 + at.1).is_multiple_of(2))
                 .map(|triangle| Polygon::misdrawn(triangle, size, full, drawn, fault));
             if parts.iter().all(Option::is_none) {
                 continue;

@@ -14,7 +14,7 @@ use super::report::{Check, Place, Ratios, Tightness, VerifyReport};
 use super::shape::{Grid, HAS_VALID, Occupancy};
 use super::tiles::Tables;
 use super::vertical::Surfaces;
-use super::{Progress, VerifyOptions};
+use super::{VerifyOptions, Watch, tell};
 use crate::codec::table::ErrorTable;
 use crate::container::directory::TileEntry;
 use crate::container::layout::{Header, Metric};
@@ -24,15 +24,15 @@ use crate::error_code::metres_from_code;
 use crate::sample::Coding;
 use crate::tile::TileId;
 
-/// What f64 may lose in turning an exact deviation into metres.
-const SLACK: f64 = 1e-12;
+/// What f64 may lose in turning an exact deviation into metres, and in measuring a distance.
+const SLACK: [f64; 2] = [1e-12, 1e-9];
 
 /// Adds its checks and the tightness to the report.
 pub(super) fn check(
     reader: &Reader,
     tables: &Tables,
     options: &VerifyOptions,
-    progress: &mut dyn FnMut(Progress),
+    progress: Watch,
     report: &mut VerifyReport,
 ) -> Result<()> {
     let header = reader.header();
@@ -61,8 +61,8 @@ pub(super) fn check(
     let checks = names.map(|name| Check::new(name, "errors", options.keep));
     let mut deep = Deep { reader, tables, checks, ratios: BTreeMap::new() };
     match header.metric {
-        Metric::Bound => deep.bound(&full, progress),
-        Metric::Paper => deep.paper(&full, progress),
+        Metric::Bound => deep.bound(&full, progress)?,
+        Metric::Paper => deep.paper(&full, progress)?,
     }
     report.tightness = deep.tightness();
     report.checks.extend(deep.checks);
@@ -73,7 +73,7 @@ fn compare_samples(
     reader: &Reader,
     tables: &Tables,
     full: &Full,
-    progress: &mut dyn FnMut(Progress),
+    progress: Watch,
     check: &mut Check,
 ) -> Result<()> {
     let entries: Vec<&TileEntry> = tables.by_tile.values().map(|(entry, _)| entry).collect();
@@ -91,7 +91,7 @@ fn compare_samples(
         for part in parts {
             check.join(part?);
         }
-        progress(Progress { stage: "samples", done, total });
+        tell(progress, "samples", done, total)?;
     }
     Ok(())
 }
@@ -115,46 +115,54 @@ fn metres_of_number(header: &Header) -> (f64, f64) {
 
 impl Deep<'_> {
     /// Metric `bound`: no stored error is below the true one.
-    fn bound(&mut self, full: &Full, progress: &mut dyn FnMut(Progress)) {
+    fn bound(&mut self, full: &Full, progress: Watch) -> Result<()> {
         let header = self.reader.header();
         let occupancy = Occupancy::of(full);
         let surfaces = Surfaces::new(full, &occupancy);
         let outline = Outline::new(self.reader, full, &occupancy);
         let (metres, quantisation) = metres_of_number(header);
         let (p, levels) = (u32::from(header.patch_log2), u32::from(header.levels));
+        let mut hulls: [Option<Grid>; 2] = [None, None];
         for q in 1..=levels + p {
-            progress(Progress { stage: "errors", done: u64::from(q) - 1, total: (levels + p).into() });
+            tell(progress, "errors", u64::from(q) - 1, (levels + p).into())?;
             let group = q.max(p);
             let mut grids = [surfaces.deviations(q, group), outline.displacements(q, group)];
+            for (hull, grid) in hulls.iter_mut().zip(&grids) {
+                let finer = hull.take().map(|hull| if q > p { hull.halved() } else { hull });
+                *hull = Some(finer.map_or_else(|| grid.clone(), |finer| finer.larger(grid)));
+            }
+            let mut least = hulls.clone();
             let (first, last) = (q.min(p), q.saturating_sub(levels));
             for step in (last..=first).rev() {
                 let level = levels + step - q;
                 let patch = group + first - step;
-                let truth = |kind: usize, x: usize, y: usize| {
-                    let occupied = occupancy.bits(patch, x as u64, y as u64) & HAS_VALID != 0;
-                    match kind {
-                        0 if occupied => grids[0].get(x, y) * metres + quantisation,
-                        0 => grids[0].get(x, y) * metres,
-                        _ => grids[1].get(x, y),
-                    }
-                };
                 for (kind, check) in self.checks.iter_mut().enumerate() {
+                    let truth = |x: usize, y: usize| {
+                        let occupied = occupancy.bits(patch, x as u64, y as u64) & HAS_VALID != 0;
+                        let at_least = least[kind].as_ref().map_or(0.0, |hull| hull.get(x, y));
+                        [grids[kind].get(x, y), at_least].map(|error| match kind {
+                            0 => error * metres + if occupied { quantisation } else { 0.0 },
+                            _ => error,
+                        })
+                    };
                     let ratios = compare(self.tables, level as u8, step, kind, truth, check);
                     self.ratios.entry((level as u8, step)).or_default()[kind] = ratios;
                 }
-                grids = grids.map(|grid: Grid| grid.halved());
+                grids = grids.map(|grid| grid.halved());
+                least = least.map(|hull| hull.map(|hull| hull.halved()));
             }
         }
+        Ok(())
     }
 
     /// Metric `paper`: the stored errors are the one-step errors.
-    fn paper(&mut self, full: &Full, progress: &mut dyn FnMut(Progress)) {
+    fn paper(&mut self, full: &Full, progress: Watch) -> Result<()> {
         let header = self.reader.header();
         let (metres, quantisation) = metres_of_number(header);
         let mut below = HashMap::new();
         for level in (0..=header.levels).rev() {
             let done = u64::from(header.levels - level);
-            progress(Progress { stage: "errors", done, total: u64::from(header.levels) + 1 });
+            tell(progress, "errors", done, u64::from(header.levels) + 1)?;
             let tiles: Vec<_> = of_level(self.tables, level).collect();
             let ids: Vec<_> = tiles.iter().map(|(entry, _)| entry.id).collect();
             below = paper::level(self.reader, full, &ids, &below, metres);
@@ -163,6 +171,7 @@ impl Deep<'_> {
                 self.compare_paper(full, entry, table, errors, quantisation);
             }
         }
+        Ok(())
     }
 
     fn compare_paper(
@@ -207,14 +216,15 @@ fn of_level(tables: &Tables, level: u8) -> impl Iterator<Item = (&TileEntry, &Er
     tables.by_tile.range(range).map(|(_, (entry, table))| (entry, table))
 }
 
-/// Holds the stored errors of a level and step against the true ones, `truth(kind, column, row)` of a patch counted over the
-/// level. Gives stored / true where the true one is not small.
+/// Holds the stored errors of a level and step against the true ones: `truth(column, row)` of a patch counted over the
+/// level gives the true error at this step, and the largest at this and all finer ones. Gives stored over the latter where it is
+/// not small.
 fn compare(
     tables: &Tables,
     level: u8,
     step: u32,
     kind: usize,
-    truth: impl Fn(usize, usize, usize) -> f64,
+    truth: impl Fn(usize, usize) -> [f64; 2],
     check: &mut Check,
 ) -> Vec<f32> {
     let mut pairs = Vec::new();
@@ -225,14 +235,14 @@ fn compare(
         for patch in 0..side * side {
             let (x, y) = (patch % side, patch / side);
             let stored = f64::from(metres_from_code(plane[table.at(step as usize, x, y)]));
-            let truth = truth(kind, entry.id.x as usize * side + x, entry.id.y as usize * side + y);
+            let [truth, least] = truth(entry.id.x as usize * side + x, entry.id.y as usize * side + y);
             check.looked_at += 1;
             let place = || Place::tile(entry.id).patch(patch, side, step as usize);
-            let good = stored >= truth * (1.0 - SLACK);
+            let good = stored >= truth * (1.0 - SLACK[kind]);
             check.demand(good, place, format_args!("{truth} m or more"), format_args!("{stored} m"));
-            if truth > 0.0 {
-                largest = largest.max(truth);
-                pairs.push((stored as f32, truth as f32));
+            if least > 0.0 {
+                largest = largest.max(least);
+                pairs.push((stored as f32, least as f32));
             }
         }
     }

@@ -20,6 +20,7 @@ pub(super) type Sample = (i32, u32, u8);
 
 /// Samples of full resolution: those of the raster, and one column and row more where the root square has room, so that
 /// every cell with a valid sample is in it. All others are void.
+#[derive(Debug)]
 pub(super) struct Full {
     /// Columns and rows of the raster.
     pub raster: (u64, u64),
@@ -195,4 +196,32 @@ pub(super) fn tile_spacing(reader: &Reader, id: TileId) -> Spacing {
     };
     let spacing = reader.geo().spacing(range(left, header.width), range(top, header.height));
     Spacing { dx: spacing.dx * step as f64, dy: spacing.dy * step as f64 }
+}
+
+#[cfg(test)]
+impl Full {
+    /// A lattice of integer codes, row by row; `None` is void. `side` is a power of two, at least the larger size less 1.
+    pub fn of_codes(codes: &[Option<i32>], columns: usize, side: u64) -> Self {
+        let raster = (columns as u64, (codes.len() / columns) as u64);
+        let along = |samples: u64| (samples.min(side) + 1) as usize;
+        let count = along(raster.0) * along(raster.1);
+        let mut full = Self {
+            raster,
+            side,
+            columns: along(raster.0),
+            rows: along(raster.1),
+            coding: Coding::Integer { scale: 1.0, offset: 0.0 },
+            code: vec![0; count],
+            low: Vec::new(),
+            state: vec![VOID; count],
+        };
+        for (i, code) in codes.iter().enumerate() {
+            if let Some(code) = code {
+                let at = full.at(i % columns, i / columns);
+                (full.code[at], full.state[at]) = (*code, VALID);
+            }
+        }
+        full.fill_voids();
+        full
+    }
 }

@@ -43,6 +43,13 @@ impl<'a> Outline<'a> {
         Self { full, occupancy, spacings, columns: columns.into(), rows: rows.into(), tile_log2, widest }
     }
 
+    /// One spacing everywhere.
+    #[cfg(test)]
+    pub fn uniform(full: &'a Full, occupancy: &'a Occupancy, spacing: Spacing) -> Self {
+        let tile_log2 = full.side.trailing_zeros();
+        Self { full, occupancy, spacings: vec![spacing], columns: 1, rows: 1, tile_log2, widest: spacing }
+    }
+
     /// Largest displacement of cells of spacing `2^q` in metres: one number for each square of `2^group` intervals,
     /// `group >= q`.
     pub fn displacements(&self, q: u32, group: u32) -> Grid {
@@ -110,7 +117,7 @@ impl<'a> Outline<'a> {
     }
 
     /// Pieces of the outline in a unit cell: between the midpoints of the sides of a triangle that join unlike samples.
-    fn segments(&self, [x, y]: [u64; 2]) -> impl Iterator<Item = [[f64; 2]; 2]> {
+    pub fn segments(&self, [x, y]: [u64; 2]) -> impl Iterator<Item = [[f64; 2]; 2]> {
         let valid = self.valid(x, y);
         let cell = Cell::new(1, x, y);
         (0..2).filter_map(move |part| {
@@ -157,7 +164,7 @@ fn to_block(point: [f64; 2], log: u32, block: [u64; 2], spacing: Spacing) -> f64
     (away(point[0], block[0]) * spacing.dx).hypot(away(point[1], block[1]) * spacing.dy)
 }
 
-fn to_segment(point: [f64; 2], a: [f64; 2], b: [f64; 2], spacing: Spacing) -> f64 {
+pub(super) fn to_segment(point: [f64; 2], a: [f64; 2], b: [f64; 2], spacing: Spacing) -> f64 {
     let metres = |to: [f64; 2]| ((to[0] - point[0]) * spacing.dx, (to[1] - point[1]) * spacing.dy);
     let ((ax, ay), (bx, by)) = (metres(a), metres(b));
     let (dx, dy) = (bx - ax, by - ay);

@@ -1,7 +1,7 @@
 //! Every sample of the source against what a reader decodes.
 
 use super::report::{Check, Place};
-use super::{Progress, VerifyOptions};
+use super::{VerifyOptions, Watch, tell};
 use crate::container::layout::Header;
 use crate::container::reader::Reader;
 use crate::error::Result;
@@ -14,7 +14,7 @@ pub(super) fn check(
     reader: &Reader,
     source: &dyn Source,
     options: &VerifyOptions,
-    progress: &mut dyn FnMut(Progress),
+    progress: Watch,
 ) -> Result<Vec<Check>> {
     let about = check_about(reader, source, options.keep);
     let mut samples = Check::new("source samples", "samples", options.keep);
@@ -31,7 +31,7 @@ pub(super) fn check(
         let band = Band::decode(reader, row, south, &mut samples)?;
         band.compare(source, &rule, &mut samples)?;
         row = south;
-        progress(Progress { stage: "source", done: row.into(), total: header.height.into() });
+        tell(progress, "source", row.into(), header.height.into())?;
     }
     Ok(vec![about, samples])
 }

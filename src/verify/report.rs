@@ -216,7 +216,8 @@ pub struct Tightness {
 }
 
 /// A distribution of stored / true, over the patches whose true error is not small: above 1/256 of the largest of
-/// the level and step. Percentiles by nearest rank.
+/// the level and step. Since errors are monotone, the true one is taken as the largest of this and all finer steps.
+/// Percentiles by nearest rank.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Ratios {
     /// Patches counted.

@@ -225,6 +225,13 @@ impl Grid {
         if x < self.columns { self.values.get(y * self.columns + x).copied().unwrap_or(0.0) } else { 0.0 }
     }
 
+    /// The larger of every two numbers of grids of one size.
+    #[must_use]
+    pub fn larger(&self, other: &Self) -> Self {
+        let values = self.values.iter().zip(&other.values).map(|(a, b)| a.max(*b)).collect();
+        Self { columns: self.columns, values }
+    }
+
     /// The largest of every 2 x 2.
     #[must_use]
     pub fn halved(&self) -> Self {

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::borders::{Border, Borders};
 use super::report::{Check, Place};
 use super::statistics::Recount;
-use super::{Progress, VerifyOptions};
+use super::{VerifyOptions, Watch, tell};
 use crate::codec::table::ErrorTable;
 use crate::container::directory::{ChunkKind, TileEntry};
 use crate::container::layout::Header;
@@ -56,7 +56,7 @@ struct Node {
 pub(super) fn check(
     reader: &Reader,
     options: &VerifyOptions,
-    progress: &mut dyn FnMut(Progress),
+    progress: Watch,
 ) -> Result<(Tables, Vec<Check>)> {
     let mut walk = Walk::new(reader, options);
     let total = reader.header().tile_count;
@@ -64,12 +64,12 @@ pub(super) fn check(
         walk.batch.push(*entry);
         if walk.batch.len() == BATCH {
             walk.work_off()?;
-            progress(Progress { stage: "tiles", done: walk.done, total });
+            tell(progress, "tiles", walk.done, total)?;
         }
         Ok(())
     });
     walk.work_off()?;
-    progress(Progress { stage: "tiles", done: walk.done, total });
+    tell(progress, "tiles", walk.done, total)?;
     let counted = walk.index.take(walked, Place::of("index"))?.is_some();
     walk.finish(counted)
 }

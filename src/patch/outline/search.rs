@@ -101,7 +101,13 @@ impl Pyramid {
     }
 
     /// Largest distance of a misdrawn point in square `(x, y)` of level `root`, if drawn at spacing `2^drawn`, in metres.
-    pub(super) fn farthest(&self, drawing: &Drawing, root: usize, at: (usize, usize), cell: &mut impl Cell) -> f64 {
+    pub(super) fn farthest(
+        &self,
+        drawing: &Drawing,
+        root: usize,
+        at: (usize, usize),
+        cell: &mut impl Cell,
+    ) -> f64 {
         let mut search = Search { pyramid: self, drawing, cell, bound: Bound::default() };
         search.visit(root, at, [0.0; 4], true);
         search.bound.metres()
@@ -111,10 +117,7 @@ impl Pyramid {
 impl Level {
     /// The level above this one of `side x side` squares.
     fn united(&self, side: usize) -> Self {
-        Self {
-            bits: by_four(&self.bits, side, |a, b| a | b),
-            reach: by_four(&self.reach, side, f64::max),
-        }
+        Self { bits: by_four(&self.bits, side, |a, b| a | b), reach: by_four(&self.reach, side, f64::max) }
     }
 }
 

@@ -155,7 +155,8 @@ impl Polygon {
     /// No point of the polygon is farther than this from the nearest of `things`; infinite if there are none.
     pub(super) fn at_most(&self, things: &[impl Convex]) -> f64 {
         let corners = self.corners();
-        let farthest = |thing| corners.iter().map(|corner| Convex::squared(thing, corner.at)).fold(0.0, f64::max);
+        let farthest =
+            |thing| corners.iter().map(|corner| Convex::squared(thing, corner.at)).fold(0.0, f64::max);
         things.iter().map(farthest).fold(f64::INFINITY, f64::min)
     }
 
@@ -206,7 +207,8 @@ fn farthest(
 /// Appends those of the things from number `first` on that may be the nearest of a point of the triangle.
 fn keep_near([a, b, c]: [(f64, f64); 3], things: &mut Vec<impl Convex>, first: usize) {
     let middle = ((a.0 + b.0 + c.0) / 3.0, (a.1 + b.1 + c.1) / 3.0);
-    let from_middle = |p: (f64, f64)| (p.0 - middle.0) * (p.0 - middle.0) + (p.1 - middle.1) * (p.1 - middle.1);
+    let from_middle =
+        |p: (f64, f64)| (p.0 - middle.0) * (p.0 - middle.0) + (p.1 - middle.1) * (p.1 - middle.1);
     let radius = from_middle(a).max(from_middle(b)).max(from_middle(c)).sqrt();
     let end = things.len();
     let nearest = things[first..].iter().map(|thing| thing.squared(middle)).fold(f64::INFINITY, f64::min);
