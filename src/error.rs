@@ -108,7 +108,7 @@ impl Error {
             | Self::Unsupported { path, .. }
             | Self::Limit { path, .. } => {
                 if path.as_os_str().is_empty() {
-                    *path = file.to_owned();
+                    file.clone_into(path);
                 }
             }
             Self::Usage { .. } | Self::Interrupted => {}

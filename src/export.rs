@@ -68,7 +68,11 @@ pub fn picture(reader: &Reader, output: &Path, level: u8, style: hillshade::Styl
     let (columns, rows) = header.level_size(level);
     for (what, side) in [("picture width", columns), ("picture height", rows)] {
         if side > MAX_PICTURE_SIDE {
-            return Err(Error::limit(format!("{what} (choose a coarser --level)"), side.into(), MAX_PICTURE_SIDE.into()));
+            return Err(Error::limit(
+                format!("{what} (choose a coarser --level)"),
+                side.into(),
+                MAX_PICTURE_SIDE.into(),
+            ));
         }
     }
     let mut heights = Vec::with_capacity(columns as usize * rows as usize);
@@ -87,17 +91,16 @@ pub fn picture(reader: &Reader, output: &Path, level: u8, style: hillshade::Styl
 
 fn check_level(header: &Header, level: u8) -> Result<()> {
     if level > header.levels {
-        return Err(Error::usage(format!("--level {level}: this file has levels 0 (root) to {}", header.levels)));
+        return Err(Error::usage(format!(
+            "--level {level}: this file has levels 0 (root) to {}",
+            header.levels
+        )));
     }
     Ok(())
 }
 
 /// Calls `take` with the values of whole rows of a level, north to south; `None` is void.
-fn each_band(
-    reader: &Reader,
-    level: u8,
-    mut take: impl FnMut(&[Option<f64>]) -> Result<()>,
-) -> Result<()> {
+fn each_band(reader: &Reader, level: u8, mut take: impl FnMut(&[Option<f64>]) -> Result<()>) -> Result<()> {
     let header = reader.header();
     let (columns, rows) = (header.level_size(level).0 as usize, header.level_size(level).1 as usize);
     let n = header.tile() as usize;
@@ -146,7 +149,8 @@ fn void_value(reader: &Reader, level: u8) -> Result<Option<f64>> {
     }
     let Some((low, high)) = range else { return Ok(Some(f64::NAN)) };
     let Some(root) = reader.entry(TileId::ROOT)? else { return Ok(Some(low)) };
-    let value = |metres: f32| (f64::from(metres) / header.unit_metres - header.band_offset) / header.band_scale;
+    let value =
+        |metres: f32| (f64::from(metres) / header.unit_metres - header.band_offset) / header.band_scale;
     let (a, b) = (value(root.min_m), value(root.max_m));
     if a.min(b) > low + 1.0 {
         Ok(Some(low))

@@ -131,7 +131,12 @@ fn inputs_that_cannot_be_read_leave_nothing() {
     let folder = tempfile::tempdir().expect("folder");
     let out = folder.path().join("out.rlv");
     let missing = folder.path().join("missing.tif");
-    fails(&relevo(&["build", text(&missing), "-o", text(&out)]), &["missing.tif", "No such file"], folder.path(), &[]);
+    fails(
+        &relevo(&["build", text(&missing), "-o", text(&out)]),
+        &["missing.tif", "No such file"],
+        folder.path(),
+        &[],
+    );
 
     let whole = fs::read(fixture("co_elevation_float32_lzw.tif")).expect("fixture");
     let cut = folder.path().join("cut.tif");
@@ -147,7 +152,12 @@ fn inputs_that_cannot_be_read_leave_nothing() {
     let text_file = folder.path().join("notes.tif");
     fs::remove_file(&void).expect("remove");
     fs::write(&text_file, "not a raster").expect("write");
-    fails(&relevo(&["build", text(&text_file), "-o", text(&out)]), &["notes.tif"], folder.path(), &["notes.tif"]);
+    fails(
+        &relevo(&["build", text(&text_file), "-o", text(&out)]),
+        &["notes.tif"],
+        folder.path(),
+        &["notes.tif"],
+    );
 }
 
 #[test]
@@ -168,7 +178,12 @@ fn outputs_that_cannot_be_written_leave_nothing() {
     let inside_file = folder.path().join("file");
     fs::write(&inside_file, "").expect("write");
     let under = inside_file.join("out.rlv");
-    fails(&relevo(&["build", text(&source), "-o", text(&under)]), &["file", "not a directory"], folder.path(), &["file"]);
+    fails(
+        &relevo(&["build", text(&source), "-o", text(&under)]),
+        &["file", "not a directory"],
+        folder.path(),
+        &["file"],
+    );
 }
 
 /// A write limit stands for a full disk: the system call fails in the middle of the data.
@@ -265,8 +280,11 @@ fn a_closed_pipe_is_no_error() {
     let folder = tempfile::tempdir().expect("folder");
     let out = folder.path().join("out.rlv");
     assert!(relevo(&["build", text(&fixture("rmnp_dem_uint16.tif")), "-o", text(&out)]).status.success());
-    let script =
-        format!("'{}' stats '{}' --json | true; echo ${{PIPESTATUS[0]}}", env!("CARGO_BIN_EXE_relevo"), out.display());
+    let script = format!(
+        "'{}' stats '{}' --json | true; echo ${{PIPESTATUS[0]}}",
+        env!("CARGO_BIN_EXE_relevo"),
+        out.display()
+    );
     let output = Command::new("bash").args(["-c", &script]).output().expect("bash runs");
     assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), "0", "{}", stderr(&output));
 }
@@ -276,7 +294,8 @@ fn progress_as_json_is_json() {
     let folder = tempfile::tempdir().expect("folder");
     let out = folder.path().join("out.rlv");
     let source = fixture("co_elevation_float32_lzw.tif");
-    let output = relevo(&["build", text(&source), "-o", text(&out), "--progress", "json", "--precision", "0.01"]);
+    let output =
+        relevo(&["build", text(&source), "-o", text(&out), "--progress", "json", "--precision", "0.01"]);
     let lines = stderr(&output);
     assert!(lines.lines().count() >= 3, "{lines}");
     for line in lines.lines() {

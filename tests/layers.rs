@@ -28,8 +28,12 @@ const LAYERS: [(&str, u8); 19] = [
 ];
 
 /// Pairs that must not know each other, or only in this direction, whatever their layers.
-const APART: [(&str, &str); 4] =
-    [("container", "source"), ("codec", "tile"), ("container::writer", "reader"), ("container::reader", "writer")];
+const APART: [(&str, &str); 4] = [
+    ("container", "source"),
+    ("codec", "tile"),
+    ("container::writer", "reader"),
+    ("container::reader", "writer"),
+];
 
 fn files(folder: &Path, out: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).expect("folder") {

@@ -46,12 +46,7 @@ def frame(data, limit, place):
         need(head.content_size != zstandard.CONTENTSIZE_UNKNOWN, f"{place}: frame without its size")
         need(head.content_size <= limit, f"{place}: frame of {head.content_size} bytes, at most {limit}")
         need(head.dict_id == 0, f"{place}: frame with a dictionary")
-        decoder = zstandard.ZstdDecompressor().decompressobj()
-        out = decoder.decompress(data)
-        need(decoder.eof, f"{place}: frame is cut off")
-        need(not decoder.unused_data, f"{place}: bytes after the frame")
-        need(len(out) == head.content_size, f"{place}: frame is not as long as it says")
-        return out
+        return zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
     except zstandard.ZstdError as e:
         raise Violation(f"{place}: {e}") from None
 
@@ -181,7 +176,7 @@ def check_tiling(extents, start, end, place):
 def read_json(data, place):
     try:
         value = json.loads(bytes(data).decode("utf-8"))
-    except ValueError as e:
+    except (ValueError, RecursionError) as e:
         raise Violation(f"{place}: {e}") from None
     need(isinstance(value, dict), f"{place}: not a JSON object")
     return value
@@ -351,32 +346,16 @@ def refine_validity(m, even, wrong, at):
     """One stage: validity of the lattice of (2m + 1)^2. `wrong[at:]`: whose prediction is wrong."""
     side = 2 * m + 1
     out = spread(even, m, bytearray(1))
-    for b in range(1, side, 2):  # C
-        for a in range(1, side, 2):
-            o = b * side + a
-            votes = out[o - side - 1] + out[o - side + 1] + out[o + side - 1] + out[o + side + 1]
-            out[o] = wrong[at] ^ (votes >= 2)
-            at += 1
-    for b in range(0, side, 2):  # H
-        for a in range(1, side, 2):
-            o, votes, voters = b * side + a, 0, 2
-            votes = out[o - 1] + out[o + 1]
-            if b > 0:
-                votes, voters = votes + out[o - side], voters + 1
-            if b < side - 1:
-                votes, voters = votes + out[o + side], voters + 1
-            out[o] = wrong[at] ^ (2 * votes >= voters)
-            at += 1
-    for b in range(1, side, 2):  # V
-        for a in range(0, side, 2):
-            o, voters = b * side + a, 2
-            votes = out[o - side] + out[o + side]
-            if a > 0:
-                votes, voters = votes + out[o - 1], voters + 1
-            if a < side - 1:
-                votes, voters = votes + out[o + 1], voters + 1
-            out[o] = wrong[at] ^ (2 * votes >= voters)
-            at += 1
+    for o in newborn_of_stage(m):
+        row, column = divmod(o, side)
+        if row & column & 1:  # C: its four P
+            voters = [o - side - 1, o - side + 1, o + side - 1, o + side + 1]
+        else:  # H and V: two P and one or two C
+            voters = [o - side] * (row > 0) + [o + side] * (row < side - 1)
+            voters += [o - 1] * (column > 0) + [o + 1] * (column < side - 1)
+        votes = sum([out[voter] for voter in voters])
+        out[o] = wrong[at] ^ (2 * votes >= len(voters))
+        at += 1
     return out
 
 
@@ -503,20 +482,22 @@ def pad(rows):
     return [[0, *top, 0], *wide, [0, *bottom, 0]]  # corners are never used
 
 
-def refine_heights(m, even, even_valid, valid, residuals, at, i, j):
-    """9.2, one stage: codes of the lattice of (2m + 1)^2. Its residuals are `residuals[at:]`."""
+def refine_heights(m, even, even_valid, valid, residuals, i, j):
+    """9.2, one stage: codes of the lattice of (2m + 1)^2."""
     side = 2 * m + 1
     P = pad(replace_voids(even, even_valid, m))
     out = spread(even, m, [0])
+    stream = zip(newborn_of_stage(m), residuals)
     voids = []  # (place, prediction, residual), finished at the end
 
-    def place_sample(o, prediction, at):
-        """Returns what stands for the sample in later predictions."""
+    def newborn(prediction):
+        """The next sample of the streams. Returns what stands for it in later predictions."""
+        o, residual = next(stream)
         prediction = wrap(prediction)
         if valid[o]:
-            out[o] = prediction = wrap(prediction + residuals[at])
+            out[o] = prediction = wrap(prediction + residual)
         else:
-            voids.append((o, prediction, residuals[at]))
+            voids.append((o, prediction, residual))
         return prediction
 
     C = []
@@ -527,9 +508,7 @@ def refine_heights(m, even, even_valid, valid, residuals, at, i, j):
         for a in range(m):
             s4 = q[a + 1] + q[a + 2] + r[a + 1] + r[a + 2]
             s8 = q[a] + r[a] + q[a + 3] + r[a + 3] + p[a + 1] + p[a + 2] + s[a + 1] + s[a + 2]
-            o = (2 * b + 1) * side + 2 * a + 1
-            row.append(place_sample(o, (near * s4 - i * s8 + 64) >> 7, at))
-            at += 1
+            row.append(newborn((near * s4 - i * s8 + 64) >> 7))
         C.append(row)
     C = pad(C)
 
@@ -545,8 +524,7 @@ def refine_heights(m, even, even_valid, valid, residuals, at, i, j):
                 prediction = (we * (q[a + 1] + q[a + 2]) + wn * (c[a + 1] + d[a + 1]) - fe * e4 - fn * n4 + 64) >> 7
             else:
                 prediction = (9 * (q[a + 1] + q[a + 2]) - q[a] - q[a + 3] + 8) >> 4
-            place_sample(2 * b * side + 2 * a + 1, prediction, at)
-            at += 1
+            newborn(prediction)
     for b in range(m):  # V
         p, q, r, s = P[b:b + 4]  # rows b - 1, b, b + 1, b + 2 of P
         c, d, e = C[b:b + 3]  # rows b - 1, b, b + 1 of C
@@ -557,8 +535,7 @@ def refine_heights(m, even, even_valid, valid, residuals, at, i, j):
                 prediction = (we * (d[a] + d[a + 1]) + wn * (q[a + 1] + r[a + 1]) - fe * e4 - fn * n4 + 64) >> 7
             else:
                 prediction = (9 * (q[a + 1] + r[a + 1]) - p[a + 1] - s[a + 1] + 8) >> 4
-            place_sample((2 * b + 1) * side + 2 * a, prediction, at)
-            at += 1
+            newborn(prediction)
 
     for o, prediction, residual in voids:  # all valid samples are known now; void ones are not looked at
         row, column = divmod(o, side)
@@ -600,14 +577,15 @@ def decode_heights(tile, chunk, header, parent, lattices):
         now, at = [to_q(c, s, header) for c in codes] if d else list(codes), 0
     chain = stages(t, root)
     for stage, m in enumerate(chain):
-        now = refine_heights(m, now, lattices[stage], lattices[stage + 1], residuals, at, sharpness, skew)
-        at += 3 * m * m + 2 * m
+        count = 3 * m * m + 2 * m
+        now = refine_heights(m, now, lattices[stage], lattices[stage + 1], residuals[at:at + count], sharpness, skew)
+        at += count
     if d:
         now = from_q(now, s)
         if not root:  # even samples keep their code
-            kept = spread(list(codes), chain[-1], [0])
-            for b in range(0, t + 1, 2):
-                now[b * (t + 1):(b + 1) * (t + 1):2] = kept[b * (t + 1):(b + 1) * (t + 1):2]
+            half = t // 2 + 1
+            for b in range(half):
+                now[2 * b * (t + 1):(2 * b + 1) * (t + 1):2] = codes[b * half:(b + 1) * half]
     tile.codes, tile.lows = array("i", now), None
     if header.kind == 3:
         lows, at = (new_lows[:4], 4) if root else (quarter(parent.lows, t, tile.x, tile.y), 0)
@@ -784,8 +762,7 @@ def run(options):
     raster = None
     if options.raster:
         letter = SOURCE_TYPES[header.source]
-        void = header.nodata if letter in "fd" else int(header.nodata)
-        raster = array(letter, [void]) * (header.w * header.h)
+        raster = array(letter, [header.nodata if letter in "fd" else int(header.nodata)]) * (header.w * header.h)
     for tile in tiles:
         if options.level is not None and tile.level > options.level:
             break
@@ -801,7 +778,10 @@ def run(options):
                 with open(os.path.join(options.dump, name), "wb") as f:
                     f.write(part)
     if statistics is not None and options.level is None:
-        check_statistics(statistics, tiles, header)
+        try:
+            check_statistics(statistics, tiles, header)
+        except (LookupError, TypeError, ValueError, AttributeError) as e:
+            raise Violation(f"statistics: a member is missing or odd ({e!r})") from None
     if raster is not None:
         with open(options.raster, "wb") as f:
             f.write(little(raster))
@@ -818,6 +798,8 @@ def main():
         run(options)
     except Violation as e:
         sys.exit(f"{options.file}: {e}")  # exit code 1
+    except OverflowError as e:
+        sys.exit(f"{options.file}: heights or nodata do not fit the source type: {e}")
 
 
 if __name__ == "__main__":

@@ -4,11 +4,11 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use relevo::Error;
 use relevo::container::layout::Metric;
 use relevo::limits::Limits;
 use relevo::pipeline::{self, BuildOptions, Plan, Report};
 use relevo::source::{self, SourceInfo};
-use relevo::Error;
 use serde_json::json;
 
 use crate::cli::progress::{Mode, Show};
@@ -121,7 +121,13 @@ fn dry_run(args: &Args, info: &SourceInfo, plan: &Plan, output: &Path, out: &mut
     writeln!(out, "{}", source_line(&args.dem, info))?;
     writeln!(out, "{}: nothing is written (--dry-run)", output.display())?;
     let each: Vec<String> = tiles.iter().map(ToString::to_string).collect();
-    writeln!(out, "  levels   {} (0 to {}), at most {} tiles each", tiles.len(), plan.levels, each.join(", "))?;
+    writeln!(
+        out,
+        "  levels   {} (0 to {}), at most {} tiles each",
+        tiles.len(),
+        plan.levels,
+        each.join(", ")
+    )?;
     writeln!(out, "  tiles    at most {} of {} x {}", grouped(tiles.iter().sum()), plan.tile, plan.tile)?;
     writeln!(out, "  memory   about {}, on {} threads", bytes(memory), plan.jobs)?;
     let (file, work) = (bytes(disk), bytes(2 * disk));
@@ -163,7 +169,10 @@ fn print(
     crate::cli::stats::levels_table(&report.statistics, header, out)?;
     let time = report.elapsed.as_secs_f64();
     let kept = if header.quantisation_error > 0.0 {
-        format!("heights off by at most {} m", short(header.quantisation_error * header.band_scale.abs() * header.unit_metres))
+        format!(
+            "heights off by at most {} m",
+            short(header.quantisation_error * header.band_scale.abs() * header.unit_metres)
+        )
     } else {
         "lossless".to_owned()
     };

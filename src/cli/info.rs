@@ -4,8 +4,8 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use relevo::container::sections::SectionEntry;
 use relevo::container::reader::Reader;
+use relevo::container::sections::SectionEntry;
 use relevo::sample::Coding;
 use serde_json::{Value, json};
 
@@ -105,7 +105,10 @@ fn print(reader: &Reader, file: &Path, out: &mut dyn Write) -> io::Result<()> {
     }
     line("metric", header.metric.as_str().to_owned())?;
     let tiles = grouped(header.tile_count);
-    line("tiles", format!("{tiles} of {0} x {0} intervals, patches of {1} x {1}", header.tile(), header.patch()))?;
+    line(
+        "tiles",
+        format!("{tiles} of {0} x {0} intervals, patches of {1} x {1}", header.tile(), header.patch()),
+    )?;
     let mut levels = Table::new(&["level", "tiles", "bytes", "vertical m", "horizontal m"]);
     for (number, level) in metadata.levels.iter().enumerate() {
         levels.row(vec![

@@ -45,7 +45,13 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         csv(&statistics, out)?;
     } else {
         let metric = header.metric.as_str();
-        writeln!(out, "{}: {} x {} samples, metric {metric}", args.file.display(), header.width, header.height)?;
+        writeln!(
+            out,
+            "{}: {} x {} samples, metric {metric}",
+            args.file.display(),
+            header.width,
+            header.height
+        )?;
         levels_table(&statistics, header, out)?;
         steps_table(&statistics, header, out)?;
     }
@@ -69,7 +75,11 @@ pub fn levels_table(statistics: &Statistics, header: &Header, out: &mut dyn Writ
         let (size, samples) = (level_bytes(level), (level.columns * level.rows) as f64);
         let worst = |step: usize| {
             level.steps.get(step).map_or(String::new(), |s| {
-                let h = if s.horizontal.max > 0.0 { format!(" / {}", short(s.horizontal.max)) } else { String::new() };
+                let h = if s.horizontal.max > 0.0 {
+                    format!(" / {}", short(s.horizontal.max))
+                } else {
+                    String::new()
+                };
                 format!("{}{h}", short(s.vertical.max))
             })
         };
@@ -86,7 +96,10 @@ pub fn levels_table(statistics: &Statistics, header: &Header, out: &mut dyn Writ
         ]);
     }
     table.print(out)?;
-    writeln!(out, "  error: largest vertical / horizontal (outline of voids) deviation in metres; step k draws every 2^k-th sample")
+    writeln!(
+        out,
+        "  error: largest vertical / horizontal (outline of voids) deviation in metres; step k draws every 2^k-th sample"
+    )
 }
 
 /// One line for each level and step: distribution of both errors.
@@ -96,8 +109,15 @@ fn steps_table(statistics: &Statistics, header: &Header, out: &mut dyn Write) ->
             writeln!(out, "\n{title} error: none anywhere")?;
             continue;
         }
-        writeln!(out, "\n{title} error in metres, by level and step ({} patches of {} x {})", header.metric.as_str(), header.patch(), header.patch())?;
-        let mut table = Table::new(&["level", "step", "spacing m", "patches", "min", "mean", "p50", "p90", "p99", "max"]);
+        writeln!(
+            out,
+            "\n{title} error in metres, by level and step ({} patches of {} x {})",
+            header.metric.as_str(),
+            header.patch(),
+            header.patch()
+        )?;
+        let mut table =
+            Table::new(&["level", "step", "spacing m", "patches", "min", "mean", "p50", "p90", "p99", "max"]);
         for level in &statistics.levels {
             for (k, step) in level.steps.iter().enumerate() {
                 let e = pick(step);
@@ -148,7 +168,14 @@ fn csv(statistics: &Statistics, out: &mut dyn Write) -> io::Result<()> {
         for (k, step) in level.steps.iter().enumerate() {
             let [dx, dy] = step.spacing_m;
             write!(out, "{},{k},{},{}", level.level, level.tiles, step.vertical.count)?;
-            write!(out, ",{},{},{},{},{dx},{dy}", level.columns, level.rows, level.valid, level_bytes(level))?;
+            write!(
+                out,
+                ",{},{},{},{},{dx},{dy}",
+                level.columns,
+                level.rows,
+                level.valid,
+                level_bytes(level)
+            )?;
             for e in [&step.vertical, &step.horizontal] {
                 write!(out, ",{},{},{},{},{},{}", e.min, e.mean, e.p50, e.p90, e.p99, e.max)?;
             }

@@ -116,7 +116,16 @@ fn print_problems(check: &Check, out: &mut dyn Write) -> io::Result<()> {
 fn print_tightness(report: &VerifyReport, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "\nStored error / true error (patches whose true error is above 1/256 of the largest)")?;
     let mut table = Table::new(&[
-        "level", "step", "vertical: patches", "median", "p99", "max", "horizontal: patches", "median", "p99", "max",
+        "level",
+        "step",
+        "vertical: patches",
+        "median",
+        "p99",
+        "max",
+        "horizontal: patches",
+        "median",
+        "p99",
+        "max",
     ]);
     let cells = |ratios: Option<Ratios>| match ratios {
         Some(r) => [grouped(r.patches), ratio(r.median), ratio(r.p99), ratio(r.max)],

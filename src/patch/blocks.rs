@@ -44,12 +44,8 @@ impl Blocks {
         let mut blocks = Self::void(n);
         for y in 0..n {
             for x in 0..n {
-                let corners = [
-                    lattice.at(x, y),
-                    lattice.at(x + 1, y),
-                    lattice.at(x, y + 1),
-                    lattice.at(x + 1, y + 1),
-                ];
+                let corners =
+                    [lattice.at(x, y), lattice.at(x + 1, y), lattice.at(x, y + 1), lattice.at(x + 1, y + 1)];
                 let valid = corners.map(|i| lattice.state[i] == VALID);
                 let at = y * n + x;
                 match valid.iter().filter(|&&v| v).count() {

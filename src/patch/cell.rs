@@ -14,6 +14,13 @@ impl Plane {
     pub fn value(&self, x: f64, y: f64) -> f64 {
         self.at + self.dx * x + self.dy * y
     }
+
+    /// Least and greatest value over the unit square from `(x, y)` on.
+    #[inline]
+    pub fn range(&self, x: f64, y: f64) -> (f64, f64) {
+        let value = self.value(x, y);
+        (value + self.dx.min(0.0) + self.dy.min(0.0), value + self.dx.max(0.0) + self.dy.max(0.0))
+    }
 }
 
 /// Cell of `s` fine intervals, with a linear function on each of its two triangles.
@@ -33,7 +40,10 @@ impl Cell {
     pub fn planes(self, [a, b, c, d]: [f64; 4]) -> [Plane; 2] {
         let s = self.s as f64;
         if self.falling {
-            [Plane { at: a, dx: (b - a) / s, dy: (d - b) / s }, Plane { at: a, dx: (d - c) / s, dy: (c - a) / s }]
+            [
+                Plane { at: a, dx: (b - a) / s, dy: (d - b) / s },
+                Plane { at: a, dx: (d - c) / s, dy: (c - a) / s },
+            ]
         } else {
             [
                 Plane { at: a, dx: (b - a) / s, dy: (c - a) / s },

@@ -165,7 +165,7 @@ fn full_cell<N: Number>(z: &[N], stride: usize, cell: Cell, ramps: &mut Ramps<N>
     let mut base = a.scaled(bits);
     let mut worst = N::default();
     for v in 0..=s {
-        let row = &z[v * stride..v * stride + s + 1];
+        let row = &z[v * stride..=v * stride + s];
         if cell.falling {
             // fold[s - v + u] is bend times max(v - u, 0).
             for ((&height, &across), &fold) in row.iter().zip(&ramps.across).zip(&ramps.fold[s - v..]) {
@@ -209,28 +209,20 @@ impl Field<'_> {
     /// Largest `|z - D|` where both surfaces are shown, over the cell at `(x0, y0)`, voids and all.
     fn mixed_cell(&self, x0: usize, y0: usize, cell: Cell) -> f64 {
         let s = cell.s;
-        let corners =
-            [self.at(x0, y0), self.at(x0 + s, y0), self.at(x0, y0 + s), self.at(x0 + s, y0 + s)];
+        let corners = [self.at(x0, y0), self.at(x0 + s, y0), self.at(x0, y0 + s), self.at(x0 + s, y0 + s)];
         let heights = cell.planes(corners.map(|i| self.heights.get(i)));
         let validity = cell.planes(corners.map(|i| self.validity(i)));
         let mut worst = 0.0_f64;
         for triangle in 0..2 {
-            let valid = cell.corners(triangle).into_iter().filter(|&i| self.state[corners[i]] == VALID).count();
-            let clipped = match valid {
-                0 => continue,
-                3 => {
-                    worst = self.valid_samples(x0, y0, cell, triangle, heights[triangle], worst);
-                    false
-                }
-                _ => true,
-            };
+            if cell.corners(triangle).iter().all(|&i| self.state[corners[i]] != VALID) {
+                continue;
+            }
+            let planes = (heights[triangle], validity[triangle]);
+            worst = self.valid_samples(x0, y0, cell, triangle, planes, worst);
             for y in 0..s {
-                for x in 0..s {
+                for x in cell_columns(cell, triangle, y) {
                     let bits = self.unit[(y0 + y) * self.n + x0 + x];
-                    // Under a fully valid drawn triangle only the fine outline is left to look at.
-                    let look = if clipped { bits & HAS_VALID != 0 } else { bits == HAS_VALID | HAS_VOID };
-                    if look {
-                        let planes = (heights[triangle], validity[triangle]);
+                    if bits & HAS_VALID != 0 && crossed(planes.1, x, y, bits) {
                         worst = worst.max(self.unit_cell((x0, y0), (x, y), cell, triangle, planes));
                     }
                 }
@@ -239,14 +231,14 @@ impl Field<'_> {
         worst
     }
 
-    /// Valid samples under one drawn triangle whose corners are all valid.
+    /// Valid samples under one drawn triangle, where it is shown.
     fn valid_samples(
         &self,
         x0: usize,
         y0: usize,
         cell: Cell,
         triangle: usize,
-        plane: Plane,
+        (height, validity): (Plane, Plane),
         worst: f64,
     ) -> f64 {
         let s = cell.s;
@@ -260,8 +252,9 @@ impl Field<'_> {
             };
             for x in columns {
                 let index = self.at(x0 + x, y0 + y);
-                if self.state[index] == VALID {
-                    worst = worst.max((self.heights.get(index) - plane.value(x as f64, y as f64)).abs());
+                let (i, j) = (x as f64, y as f64);
+                if self.state[index] == VALID && validity.value(i, j) >= 0.5 {
+                    worst = worst.max((self.heights.get(index) - height.value(i, j)).abs());
                 }
             }
         }
@@ -300,6 +293,23 @@ impl Field<'_> {
     }
 }
 
+/// Columns of the unit cells that have a part in a triangle, in row `y` of the cell.
+fn cell_columns(cell: Cell, triangle: usize, y: usize) -> std::ops::Range<usize> {
+    let s = cell.s;
+    match (cell.falling, triangle) {
+        (true, 0) => y..s,
+        (true, _) => 0..y + 1,
+        (false, 0) => 0..s - y,
+        (false, _) => s - 1 - y..s,
+    }
+}
+
+/// True if an outline may run through a unit cell and something of it is shown: elsewhere its samples say it all.
+fn crossed(validity: Plane, x: usize, y: usize, bits: u8) -> bool {
+    let (low, high) = validity.range(x as f64, y as f64);
+    high >= 0.5 && (low < 0.5 || bits & HAS_VOID != 0)
+}
+
 /// Vertical errors in metres of all cells of 1, 2, 4 .. T intervals of a leaf tile: `[step][patch]` up to the patch size,
 /// then one square of cells for each larger size.
 pub fn leaf(
@@ -331,7 +341,9 @@ pub fn leaf(
                     HAS_VALID => {
                         let from = field.at(column * s, row * s);
                         match &heights {
-                            Heights::Narrow(z) => f64::from(full_cell(&z[from..], n + 1, cell, &mut narrow)) / s as f64,
+                            Heights::Narrow(z) => {
+                                f64::from(full_cell(&z[from..], n + 1, cell, &mut narrow)) / s as f64
+                            }
                             Heights::Wide(z) => full_cell(&z[from..], n + 1, cell, &mut wide) / s as f64,
                         }
                     }
@@ -343,7 +355,11 @@ pub fn leaf(
                 *to = to.max(error);
             }
         }
-        if s <= geometry.patch { steps.push(errors) } else { ahead.push(errors) }
+        if s <= geometry.patch {
+            steps.push(errors)
+        } else {
+            ahead.push(errors)
+        }
         s *= 2;
     }
     make_monotone(&mut steps);

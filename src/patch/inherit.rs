@@ -5,15 +5,11 @@ use crate::patch::{Errors, TileGeometry, envelope, exact, make_monotone, outline
 use crate::sample::{Coding, Lattice};
 
 /// Errors of a leaf tile by metric `bound`; `blocks` are its own unit blocks.
-pub fn leaf_bound(
-    lattice: &Lattice,
-    blocks: &Blocks,
-    coding: Coding,
-    geometry: &TileGeometry,
-) -> Errors {
+pub fn leaf_bound(lattice: &Lattice, blocks: &Blocks, coding: Coding, geometry: &TileGeometry) -> Errors {
     let (vertical, ahead_vertical) = exact::leaf(lattice, coding, &blocks.state, geometry);
     let outline = outline::leaf(&lattice.state, geometry.n, geometry.patch, geometry.odd, geometry.spacing);
-    let mut errors = Errors { vertical, horizontal: outline.steps, ahead_vertical, ahead_horizontal: outline.ahead };
+    let mut errors =
+        Errors { vertical, horizontal: outline.steps, ahead_vertical, ahead_horizontal: outline.ahead };
     make_monotone(&mut errors.horizontal);
     errors
 }
@@ -21,7 +17,11 @@ pub fn leaf_bound(
 /// Errors of a leaf tile by metric `paper`.
 pub fn leaf_paper(lattice: &Lattice, coding: Coding, geometry: &TileGeometry) -> Errors {
     let patches = geometry.patches() * geometry.patches();
-    let mut errors = Errors { vertical: vec![vec![0.0; patches]], horizontal: vec![vec![0.0; patches]], ..Errors::default() };
+    let mut errors = Errors {
+        vertical: vec![vec![0.0; patches]],
+        horizontal: vec![vec![0.0; patches]],
+        ..Errors::default()
+    };
     for step in 1..geometry.steps() {
         let (vertical, horizontal) = paper::one_step(lattice, coding, geometry, 1 << step);
         errors.vertical.push(vertical);
@@ -44,7 +44,8 @@ pub fn parent_bound(
     let own = |ahead: &mut Vec<Vec<f64>>, measure: &dyn Fn() -> Vec<f64>| {
         if ahead.is_empty() { measure() } else { ahead.remove(0) }
     };
-    let vertical = own(&mut errors.ahead_vertical, &|| envelope::coarsest_step(lattice, blocks, coding, geometry));
+    let vertical =
+        own(&mut errors.ahead_vertical, &|| envelope::coarsest_step(lattice, blocks, coding, geometry));
     let horizontal = own(&mut errors.ahead_horizontal, &|| {
         let (n, patch) = (geometry.n, geometry.patch);
         outline::above(&lattice.state, &blocks.state, n, patch, geometry.odd, geometry.spacing)
@@ -81,7 +82,8 @@ fn inherited(children: [Option<&Errors>; 4], geometry: &TileGeometry) -> Errors 
             .collect::<Vec<_>>()
     };
     let ahead = |pick: fn(&Errors) -> &Vec<Vec<f64>>| {
-        let count = children.iter().flatten().map(|e| pick(e).len()).max().unwrap_or(0);
+        // Leaves may stand at unlike levels: what one child did not measure ahead counts for none.
+        let count = children.iter().flatten().map(|e| pick(e).len()).min().unwrap_or(0);
         (0..count)
             .map(|j| join(children, geometry.patches() >> (j + 1), |e| pick(e).get(j)))
             .collect::<Vec<_>>()

@@ -205,10 +205,9 @@ impl Plan {
     /// lossless float32). The work folder needs as much again until the rename.
     pub fn disk_estimate(&self, sample_type: SampleType) -> u64 {
         let bits = match (sample_type, self.quantised()) {
-            (_, true) => 8.0,
             (SampleType::Int8 | SampleType::Uint8, _) => 3.0,
             (SampleType::Int16 | SampleType::Uint16, _) => 4.5,
-            (SampleType::Int32 | SampleType::Uint32, _) => 8.0,
+            (SampleType::Int32 | SampleType::Uint32, _) | (_, true) => 8.0,
             (SampleType::Float32, _) => 16.0,
             (SampleType::Float64, _) => 45.0,
         };

@@ -5,11 +5,11 @@
 
 use rayon::prelude::*;
 
+use crate::codec::Scratch;
 use crate::container::writer::ContainerWriter;
 use crate::error::Result;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::tally::Tally;
-use crate::codec::Scratch;
 use crate::pipeline::work::{Finished, Quarter, Work};
 use crate::sample::Lattice;
 use crate::tile::TileId;
@@ -157,14 +157,16 @@ impl Plan {
     ) -> Vec<Vec<Fill>> {
         // A leaf settles every spacing up to its size; above, only the size itself is new.
         let from = if level == self.levels { 1 } else { self.tile };
-        let rows = [tiles_at(north, row.y.checked_sub(1)), Some(&row.tiles), tiles_at(south, row.y.checked_add(1))];
+        let rows =
+            [tiles_at(north, row.y.checked_sub(1)), Some(&row.tiles), tiles_at(south, row.y.checked_add(1))];
         (0..row.tiles.len())
             .into_par_iter()
             .map(|x| {
                 let lattice = |r: usize, x: Option<usize>| -> Option<&Lattice> {
                     rows[r]?.get(x?)?.as_ref().map(|work| &work.lattice)
                 };
-                let around = [0, 1, 2].map(|r| [x.checked_sub(1), Some(x), x.checked_add(1)].map(|c| lattice(r, c)));
+                let around =
+                    [0, 1, 2].map(|r| [x.checked_sub(1), Some(x), x.checked_add(1)].map(|c| lattice(r, c)));
                 Neighbourhood(around).fills(from, self.tile)
             })
             .collect()

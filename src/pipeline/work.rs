@@ -77,10 +77,9 @@ impl Range {
     fn of(lattice: &Lattice, coding: Coding, least: u8) -> Self {
         if coding.has_low() {
             let known = (0..lattice.state.len()).filter(|&i| lattice.state[i] >= least);
-            return known.map(|i| lattice.value(i, coding)).fold(Self::EMPTY, |range, v| Self {
-                low: range.low.min(v),
-                high: range.high.max(v),
-            });
+            return known
+                .map(|i| lattice.value(i, coding))
+                .fold(Self::EMPTY, |range, v| Self { low: range.low.min(v), high: range.high.max(v) });
         }
         let (mut low, mut high) = (i32::MAX, i32::MIN);
         for (&code, &state) in lattice.code.iter().zip(&lattice.state) {
@@ -178,12 +177,7 @@ impl Work {
         Ok(Finished { record, chunks, table, occupied, census, quarter })
     }
 
-    fn errors(
-        &self,
-        below: Option<Below>,
-        plan: &Plan,
-        geometry: &TileGeometry,
-    ) -> (Blocks, Errors) {
+    fn errors(&self, below: Option<Below>, plan: &Plan, geometry: &TileGeometry) -> (Blocks, Errors) {
         let (lattice, coding) = (&self.lattice, plan.recipe.coding);
         match below {
             None => {

@@ -108,13 +108,14 @@ impl Recipe {
 
     fn integers<T: Copy + Into<i64>>(&self, values: &[T], out: &mut CodeRows) {
         // A nodata value that is no integer of this type matches nothing, as in GDAL.
-        let nodata = self.nodata.filter(|v| v.fract() == 0.0 && v.abs() < 9e15).map_or(i64::MIN, |v| v as i64);
+        let nodata =
+            self.nodata.filter(|v| v.fract() == 0.0 && v.abs() < 9e15).map_or(i64::MIN, |v| v as i64);
         let Coding::Integer { offset, .. } = self.coding else { return };
         if self.quantised {
             for (i, &raw) in values.iter().enumerate() {
                 let value: i64 = raw.into();
                 if value != nodata {
-                    self.quantise(i, value as f64, |decoded| decoded.round(), out);
+                    self.quantise(i, value as f64, f64::round, out);
                 }
             }
             return;
@@ -173,7 +174,9 @@ pub fn max_magnitude(window: &Window, nodata: Option<f64>) -> f64 {
     match &window.samples {
         Samples::Float32(v) => {
             let nodata = nodata.map(|n| n as f32);
-            v.iter().filter(|v| v.is_finite() && Some(**v) != nodata).fold(0.0, |a, v| a.max(f64::from(v.abs())))
+            v.iter()
+                .filter(|v| v.is_finite() && Some(**v) != nodata)
+                .fold(0.0, |a, v| a.max(f64::from(v.abs())))
         }
         Samples::Float64(v) => largest(&mut v.iter().copied()),
         Samples::Int8(v) => largest(&mut v.iter().map(|&v| f64::from(v))),

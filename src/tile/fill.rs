@@ -79,7 +79,8 @@ impl Neighbourhood<'_> {
             }
             for (ty, row) in self.0.iter().enumerate() {
                 for (tx, neighbour) in row.iter().enumerate() {
-                    let (Some(other), Some(i), Some(j)) = (neighbour, mirror(x, tx, n), mirror(y, ty, n)) else {
+                    let (Some(other), Some(i), Some(j)) = (neighbour, mirror(x, tx, n), mirror(y, ty, n))
+                    else {
                         continue;
                     };
                     let at = other.at(i, j);

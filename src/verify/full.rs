@@ -20,7 +20,6 @@ pub(super) type Sample = (i32, u32, u8);
 
 /// Samples of full resolution: those of the raster, and one column and row more where the root square has room, so that
 /// every cell with a valid sample is in it. All others are void.
-#[derive(Debug)]
 pub(super) struct Full {
     /// Columns and rows of the raster.
     pub raster: (u64, u64),
@@ -136,6 +135,11 @@ impl Full {
 
     /// The fill of a void sample: code and low.
     fn fill(&self, column: u64, row: u64) -> Option<(i32, u32)> {
+        self.find_fill(column, row).map(|(_, code, low)| (code, low))
+    }
+
+    /// The spacing at which a void sample finds valid ones, with the fill.
+    fn find_fill(&self, column: u64, row: u64) -> Option<(u64, i32, u32)> {
         // 0 is divided by every power of two.
         let birth = (column | row | self.side).trailing_zeros();
         (0..=birth).find_map(|log| {
@@ -151,11 +155,12 @@ impl Full {
                 }
             }
             found.sort_unstable();
-            found.get(found.len().checked_sub(1)? / 2).copied()
+            found.get(found.len().checked_sub(1)? / 2).map(|&(code, low)| (1 << log, code, low))
         })
     }
 
-    /// Holds every sample of a tile against the sample it stands for; its fills in metres lie in the height range.
+    /// Holds every sample of a tile against the sample it stands for. What its triangles can show lies in its height range: that
+    /// is not so for a fill from farther away than the tile is wide.
     pub fn compare(&self, header: &Header, id: TileId, lattice: &Lattice, range: (f32, f32), check: &mut Check) {
         let spacing = u64::from(header.spacing(id.level));
         let (left, top) = header.origin(id);
@@ -176,7 +181,11 @@ impl Full {
                 let code = format_args!("code {} at full resolution", expected.0);
                 check.demand(same, place, code, format_args!("code {}", got.0));
                 let metres = header.metres_of(expected.0, expected.1);
-                let inside = f64::from(range.0) <= metres && metres <= f64::from(range.1);
+                let mut inside = f64::from(range.0) <= metres && metres <= f64::from(range.1);
+                if !inside && state != VALID {
+                    let reach = spacing * lattice.n as u64;
+                    inside = self.find_fill(column, row).is_none_or(|fill| fill.0 > reach);
+                }
                 let range = format_args!("{} to {}", range.0, range.1);
                 check.demand(inside, place, format_args!("a height range that holds {metres}"), range);
             }
@@ -196,6 +205,21 @@ pub(super) fn tile_spacing(reader: &Reader, id: TileId) -> Spacing {
     };
     let spacing = reader.geo().spacing(range(left, header.width), range(top, header.height));
     Spacing { dx: spacing.dx * step as f64, dy: spacing.dy * step as f64 }
+}
+
+#[cfg(test)]
+impl std::fmt::Debug for Full {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(f, "{:?} in {}:", self.raster, self.side)?;
+        for row in 0..self.raster.1 as usize {
+            for at in self.at(0, row)..self.at(self.raster.0 as usize, row) {
+                let code = format!("{:6}", self.code[at]);
+                f.write_str(if self.state[at] == VALID { &code } else { "     ." })?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
 }
 
 #[cfg(test)]

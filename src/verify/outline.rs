@@ -1,8 +1,8 @@
 //! True horizontal displacements: how far misdrawn points are from the outline at full resolution.
 //!
 //! A point is misdrawn if it is shown at a step and hidden at full resolution, or the other way round. The largest distance
-//! is estimated from below: distances are exact, taken at the corners, the middles of the sides and the centre of
-//! every misdrawn polygon of every fine triangle. Squares in which nothing can be farther than what is known are passed over.
+//! is estimated from below: distances are exact, taken at the corners, the middles of the sides and a few inner points
+//! of every misdrawn polygon of every fine triangle. Squares in which nothing can be farther than what is known are passed over.
 
 use rayon::prelude::*;
 
@@ -263,7 +263,9 @@ impl<'a> Search<'a> {
         let sum = (0..count).map(corner).fold([0.0, 0.0], |sum, p| [sum[0] + p[0], sum[1] + p[1]]);
         let middle = |i: usize| [0.5 * (corner(i)[0] + corner(i + 1)[0]), 0.5 * (corner(i)[1] + corner(i + 1)[1])];
         let centre = sum.map(|v| v / count as f64);
-        for local in (0..count).map(corner).chain((0..count).map(middle)).chain([centre]) {
+        let inner = |i: usize| [0, 1].map(|axis| 0.5 * (corner(i)[axis] + centre[axis]));
+        let border = (0..count).flat_map(|i| [corner(i), middle(i)]);
+        for local in border.chain((0..count).map(inner)).chain([centre]) {
             let start = self.place.map(|v| (v << self.q) as f64);
             let point = [start[0] + 0.25 * local[0], start[1] + 0.25 * local[1]];
             let mut known = (f64::INFINITY, self.near);
