@@ -1,5 +1,7 @@
 //! The real binary on real files: what it prints, what it leaves behind, and how it fails.
 
+#![expect(clippy::expect_used, reason = "a test that cannot go on says why")]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -2,6 +2,8 @@
 //!
 //! The two bundled DEMs always; the rasters of `../shared/data` where they are there.
 
+#![expect(clippy::expect_used, reason = "a test that cannot go on says why")]
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

@@ -106,6 +106,7 @@ class Header:
         need(1 <= self.w <= 1 << 30 and 1 <= self.h <= 1 << 30, f"header: {self.w} x {self.h} samples")
         need(4 <= log_t <= 10, f"header: log2 T = {log_t}")
         need(2 <= log_p <= min(6, log_t), f"header: log2 P = {log_p}")
+        self.has_nodata = bool(flags & 2)
         self.t, self.p, self.steps = 1 << log_t, 1 << log_p, log_p + 1
         intervals, least = max(self.w, self.h) - 1, 0
         while self.t << least < intervals:  # 2: L is the least that fits
@@ -219,7 +220,7 @@ def read_page(stored, header, place, level, x, y):
         return values
 
     columns = [column(letter, n) for letter in "BBHHffQIIIIII"]
-    tiles, here, refers = [], [(level, x, y)], []
+    tiles, here = [], [(level, x, y)]
     for l in range(level, level + depth):
         need(len(tiles) + len(here) <= n, f"{place}: more tiles than {n}")
         below = []
@@ -663,8 +664,9 @@ def check_statistics(statistics, tiles, header):
             "heights_bytes": sum(tile.lengths[0] for tile in here),
             "masks_bytes": sum(tile.lengths[1] for tile in here),
             "errors_bytes": sum(tile.lengths[2] for tile in here)}
-        for member, number_ in expected.items():
-            need(level.get(member) == number_, f"statistics: level {number}: {member} {level.get(member)}, expected {number_}")
+        for member, want in expected.items():
+            got = level.get(member)
+            need(got == want, f"statistics: level {number}: {member} {got}, expected {want}")
         need(len(level["steps"]) == header.steps, f"statistics: level {number}: not one object a step")
         for k, step in enumerate(level["steps"]):
             for table in ("vertical", "horizontal"):
@@ -762,7 +764,12 @@ def run(options):
     raster = None
     if options.raster:
         letter = SOURCE_TYPES[header.source]
-        raster = array(letter, [header.nodata if letter in "fd" else int(header.nodata)]) * (header.w * header.h)
+        no_value = math.nan if letter in "fd" else 0
+        try:
+            void = array(letter, [type(no_value)(header.nodata) if header.has_nodata else no_value])
+        except (OverflowError, ValueError):  # a nodata value that is none of the type's: no sample can have it
+            void = array(letter, [no_value])
+        raster = void * (header.w * header.h)
     for tile in tiles:
         if options.level is not None and tile.level > options.level:
             break
@@ -799,7 +806,7 @@ def main():
     except Violation as e:
         sys.exit(f"{options.file}: {e}")  # exit code 1
     except OverflowError as e:
-        sys.exit(f"{options.file}: heights or nodata do not fit the source type: {e}")
+        sys.exit(f"{options.file}: heights do not fit the source type: {e}")
 
 
 if __name__ == "__main__":

@@ -13,10 +13,11 @@ use serde_json::json;
 
 use crate::cli::progress::{Mode, Show};
 use crate::cli::table::{bytes, grouped, seconds, short};
-use crate::cli::{Failure, Outcome};
+use crate::cli::{Failure, Outcome, verify};
 
 /// Make a .rlv file from a DEM
 #[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a flag of the command line")]
 pub struct Args {
     /// The DEM: a GeoTIFF (any raster of GDAL's if built with --features gdal)
     dem: PathBuf,
@@ -47,6 +48,9 @@ pub struct Args {
     /// Say what would be made, and what it takes, without reading a sample
     #[arg(long)]
     dry_run: bool,
+    /// Then check the file: checksums, structure, invariants, and every sample against the DEM
+    #[arg(long, conflicts_with = "json")]
+    verify: bool,
     /// How to show progress
     #[arg(long, value_enum, default_value = "auto")]
     progress: Mode,
@@ -82,6 +86,11 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         writeln!(out)?;
     } else {
         print(&report, source.info(), &args.dem, &output, out)?;
+    }
+    if args.verify {
+        writeln!(out)?;
+        let (file, source) = (output, Some(args.dem.clone()));
+        return verify::run(&verify::Args { file, source, deep: false, show: 10, json: false }, out);
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -129,7 +138,12 @@ fn dry_run(args: &Args, info: &SourceInfo, plan: &Plan, output: &Path, out: &mut
         each.join(", ")
     )?;
     writeln!(out, "  tiles    at most {} of {} x {}", grouped(tiles.iter().sum()), plan.tile, plan.tile)?;
-    writeln!(out, "  memory   about {}, on {} threads", bytes(memory), plan.jobs)?;
+    writeln!(
+        out,
+        "  memory   about {} on {} threads, and what the system keeps of the input",
+        bytes(memory),
+        plan.jobs
+    )?;
     let (file, work) = (bytes(disk), bytes(2 * disk));
     writeln!(out, "  disk     about {file} (typical terrain), {work} while it is being made")?;
     Ok(ExitCode::SUCCESS)

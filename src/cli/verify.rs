@@ -18,19 +18,19 @@ use crate::cli::{Outcome, stopped};
 #[derive(clap::Args)]
 pub struct Args {
     /// The .rlv file
-    file: PathBuf,
+    pub(super) file: PathBuf,
     /// The DEM it was built from: compare every sample
     #[arg(long, value_name = "DEM")]
-    source: Option<PathBuf>,
+    pub(super) source: Option<PathBuf>,
     /// Recompute every error by brute force, at full resolution in memory
     #[arg(long)]
-    deep: bool,
+    pub(super) deep: bool,
     /// Problems to show of each check; all are counted
     #[arg(long, value_name = "N", default_value_t = 10)]
-    show: usize,
+    pub(super) show: usize,
     /// As JSON
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
 }
 
 /// Checks, and says what was found: exit code 0 if all is good, 1 if not.

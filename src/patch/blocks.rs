@@ -138,9 +138,9 @@ impl Blocks {
     pub fn occupied(&self, patch: usize) -> Vec<bool> {
         let side = self.n / patch;
         let mut out = vec![false; side * side];
-        for (at, state) in self.state.iter().enumerate() {
-            if state & HAS_VALID != 0 {
-                out[at / self.n / patch * side + at % self.n / patch] = true;
+        for (y, row) in self.state.chunks_exact(self.n).enumerate() {
+            for (x, run) in row.chunks_exact(patch).enumerate() {
+                out[y / patch * side + x] |= run.iter().fold(0, |bits, b| bits | b) & HAS_VALID != 0;
             }
         }
         out

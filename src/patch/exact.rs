@@ -356,9 +356,9 @@ pub fn leaf(
             }
         }
         if s <= geometry.patch {
-            steps.push(errors)
+            steps.push(errors);
         } else {
-            ahead.push(errors)
+            ahead.push(errors);
         }
         s *= 2;
     }

@@ -1,8 +1,8 @@
 //! True horizontal displacements: how far misdrawn points are from the outline at full resolution.
 //!
 //! A point is misdrawn if it is shown at a step and hidden at full resolution, or the other way round. The largest distance
-//! is estimated from below: distances are exact, taken at the corners, the middles of the sides and a few inner points
-//! of every misdrawn polygon of every fine triangle. Squares in which nothing can be farther than what is known are passed over.
+//! is estimated from below: distances are exact, taken at the corners of every misdrawn polygon of every fine
+//! triangle, and at all its points on quarters of an interval. Squares in which nothing can be farther than what is known are passed over.
 
 use rayon::prelude::*;
 
@@ -248,26 +248,25 @@ impl<'a> Search<'a> {
                     .clip(|point| -sign * fine.shown(valid, point))
                     .clip(|point| sign * self.cell.shown(under, self.valid, point));
                 if polygon.area() > 0 {
-                    self.measure(&polygon, block);
+                    self.measure(&fine, valid, sign, block);
                 }
             }
         }
     }
 
-    /// Distances of some points of a misdrawn polygon.
-    fn measure(&mut self, polygon: &Polygon, block: [u64; 2]) {
+    /// Distances of the points of a misdrawn polygon that stand on quarters; its corners are among them. Misdrawn is what is
+    /// shown as drawn and hidden at full resolution, or, with `sign` -1, the other way round.
+    fn measure(&mut self, fine: &Fine, valid: [bool; 4], sign: i64, block: [u64; 2]) {
         let spacing = self.outline.spacing(0, block[0], block[1]);
-        let points = polygon.points();
-        let count = points.len();
-        let corner = |i: usize| [points[i % count].0 as f64, points[i % count].1 as f64];
-        let sum = (0..count).map(corner).fold([0.0, 0.0], |sum, p| [sum[0] + p[0], sum[1] + p[1]]);
-        let middle = |i: usize| [0.5 * (corner(i)[0] + corner(i + 1)[0]), 0.5 * (corner(i)[1] + corner(i + 1)[1])];
-        let centre = sum.map(|v| v / count as f64);
-        let inner = |i: usize| [0, 1].map(|axis| 0.5 * (corner(i)[axis] + centre[axis]));
-        let border = (0..count).flat_map(|i| [corner(i), middle(i)]);
-        for local in border.chain((0..count).map(inner)).chain([centre]) {
-            let start = self.place.map(|v| (v << self.q) as f64);
-            let point = [start[0] + 0.25 * local[0], start[1] + 0.25 * local[1]];
+        let under = fine.within(self.cell);
+        for (x, y) in (0..5).flat_map(|y| (0..5).map(move |x| (x, y))) {
+            let local = (fine.origin.0 + x, fine.origin.1 + y);
+            let inside = fine.cell.weights(fine.part, (x, y)).iter().all(|&weight| weight >= 0);
+            let hidden = sign * fine.shown(valid, local) <= 0;
+            if !inside || !hidden || sign * self.cell.shown(under, self.valid, local) < 0 {
+                continue;
+            }
+            let point = [block[0] as f64 + 0.25 * x as f64, block[1] as f64 + 0.25 * y as f64];
             let mut known = (f64::INFINITY, self.near);
             self.outline.nearest_in(0, self.near, point, spacing, &mut known);
             if known.0 > self.worst {

@@ -92,10 +92,10 @@ proptest! {
                         worst = worst.max(away.fold(f64::INFINITY, f64::min));
                     }
                 }
-                // Both look at some points only: here every quarter, there corners, middles and centres.
-                let step = 0.5 * 1.0_f64.hypot(dy);
-                prop_assert!((displacement - worst).abs() <= step, "{q} {column},{row}: {displacement} {worst}");
-                prop_assert!(displacement >= worst * (1.0 - 1e-9) - 0.2 * step, "{q}: {displacement} {worst}");
+                // The search looks at the edges of what is misdrawn too.
+                let step = 0.2501 * 1.0_f64.hypot(dy);
+                prop_assert!(displacement >= worst * (1.0 - 1e-9), "{q} {column},{row}: {displacement} {worst}");
+                prop_assert!(displacement <= worst + step, "{q} {column},{row}: {displacement} {worst}");
             }
         }
     }
