@@ -15,6 +15,7 @@ mod raster;
 mod report;
 mod shape;
 mod statistics;
+mod tables;
 #[cfg(test)]
 mod tests;
 mod tiles;
@@ -89,6 +90,11 @@ pub fn refused(error: Error) -> Result<VerifyReport> {
 }
 
 /// Tells how far the work is.
-fn tell(progress: &mut dyn FnMut(Progress) -> bool, stage: &'static str, done: u64, total: u64) -> Result<()> {
+fn tell(
+    progress: &mut dyn FnMut(Progress) -> bool,
+    stage: &'static str,
+    done: u64,
+    total: u64,
+) -> Result<()> {
     if progress(Progress { stage, done, total }) { Ok(()) } else { Err(Error::Interrupted) }
 }

@@ -1,5 +1,7 @@
 //! Files of adversarial terrain verify without a finding; files with one thing wrong do not.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
+
 mod verify {
     pub mod terrain;
 }
@@ -105,7 +107,9 @@ fn rasters_that_are_hardly_any() {
 
 #[test]
 fn long_strips() {
-    for (kind, metric) in [(Kind::Rough, Metric::Bound), (Kind::RandomVoids, Metric::Paper), (Kind::Stripes, Metric::Bound)] {
+    for (kind, metric) in
+        [(Kind::Rough, Metric::Bound), (Kind::RandomVoids, Metric::Paper), (Kind::Stripes, Metric::Bound)]
+    {
         good(&terrain::int16(4097, 17, kind, 3), &sizes(16, 16, metric));
     }
     good(&terrain::int16(17, 4097, Kind::Islands, 3), &sizes(64, 16, Metric::Bound));
@@ -121,24 +125,13 @@ fn every_sample_type_up_to_its_ends() {
 }
 
 #[test]
-fn probe() {
-    let mut source = terrain::smooth(70, 40, SampleType::Float64, false);
-    let Samples::Float64(samples) = &mut source.samples else { unreachable!() };
-    samples.iter_mut().for_each(|sample| *sample = 1.5e308 + *sample * 1e300);
-    source.info.band_scale = 1e-300;
-    let file = built(&source, &sizes(16, 4, Metric::Bound));
-    let reader = Reader::open(&file.path).unwrap();
-    let id = reader.leaves().unwrap()[3];
-    eprintln!("{:?}", reader.read_errors(id).unwrap().vertical);
-    eprintln!("{:#?}", report(&file.path, Some(&source), true).tightness);
-}
-
-#[test]
 fn heights_near_the_end_of_float64() {
     for size in [1e300, 1e150] {
         let mut source = terrain::smooth(70, 40, SampleType::Float64, true);
         let Samples::Float64(samples) = &mut source.samples else { unreachable!() };
-        samples.iter_mut().for_each(|sample| *sample = 1.5e8 * size + *sample * size);
+        for sample in samples {
+            *sample = 1.5e8 * size + *sample * size;
+        }
         good(&source, &sizes(16, 4, Metric::Bound));
         source.info.band_scale = 1e-300;
         good(&source, &sizes(16, 4, Metric::Bound));
@@ -193,7 +186,10 @@ fn transforms_of_every_kind() {
         ([-170.0, 1.0, 0.0, 60.0, 0.0, -1.0], geographic.clone()),
         ([3.0, 0.2, 0.15, 60.0, 0.1, -0.3], geographic),
         ([5e5, 3.0, 0.0, 4e6, 0.0, -90.0], Crs { kind: CrsKind::Projected, ..Crs::default() }),
-        ([5e5, 20.0, 12.0, 4e6, 12.0, -20.0], Crs { kind: CrsKind::Projected, unit: 0.3048, ..Crs::default() }),
+        (
+            [5e5, 20.0, 12.0, 4e6, 12.0, -20.0],
+            Crs { kind: CrsKind::Projected, unit: 0.3048, ..Crs::default() },
+        ),
         ([0.0, 30.0, 25.0, 0.0, 0.0, 10.0], Crs::default()),
     ];
     for (i, (transform, crs)) in transforms.into_iter().enumerate() {
@@ -233,7 +229,12 @@ fn rewritten(built: &Built, mut edit: impl FnMut(&Reader, &mut Stored) -> bool) 
     let to = built.folder.path().join("b.rlv");
     let mut writer = ContainerWriter::create(&to, true).unwrap();
     let mut entries = Vec::new();
-    reader.walk(&mut |entry| { entries.push(*entry); Ok(()) }).unwrap();
+    reader
+        .walk(&mut |entry| {
+            entries.push(*entry);
+            Ok(())
+        })
+        .unwrap();
     for entry in entries {
         let chunk = |kind| reader.raw_chunk(entry.id, kind).unwrap();
         let chunks = TileChunks {
@@ -307,11 +308,14 @@ fn an_error_stored_too_low_is_found_where_it_is() {
     let (_, file) = usual();
     let reader = Reader::open(&file.path).unwrap();
     let last = reader.header().levels;
-    for (level, name) in [(0, VERTICAL), (2, VERTICAL), (last, VERTICAL), (1, HORIZONTAL), (last, HORIZONTAL)] {
+    for (level, name) in [(0, VERTICAL), (2, VERTICAL), (last, VERTICAL), (1, HORIZONTAL), (last, HORIZONTAL)]
+    {
         // The patch whose coarsest step is most its own, not one that a finer step or a child has already.
         let jump = |plane: &[u16], i: usize| (plane[32 + i] - plane[16 + i], i);
         let tiles = reader.tiles(level).unwrap().into_iter();
-        let largest = |id| (0..16).map(|i| jump(plane_of(&mut reader.read_errors(id).unwrap(), name), i)).max().unwrap();
+        let largest = |id| {
+            (0..16).map(|i| jump(plane_of(&mut reader.read_errors(id).unwrap(), name), i)).max().unwrap()
+        };
         let ((jump, patch), id) = tiles.map(|id| (largest(id), id)).max().unwrap();
         assert!(jump > 60, "{name} at level {level}: {jump}");
         let path = with_table(&file, id, |errors| plane_of(errors, name)[32 + patch] -= jump - 1);
@@ -370,7 +374,11 @@ fn a_metric_paper_that_is_not_the_papers_is_found() {
             for i in 32..48 {
                 let finer = errors.vertical[i - 16];
                 let code = &mut errors.vertical[i];
-                if higher { *code += 2 } else if *code > finer + 1 { *code -= 2 };
+                if higher {
+                    *code += 2;
+                } else if *code > finer + 1 {
+                    *code -= 2;
+                }
             }
         });
         let report = report(&path, None, true);
@@ -389,7 +397,14 @@ fn with_lattice(built: &Built, id: TileId, edit: impl Fn(&mut Lattice)) -> PathB
             edit(&mut lattice);
             chunks.heights.clear();
             let coding = reader.header().coding;
-            height::encode(&lattice, coding, id == TileId::ROOT, &mut Scratch::default(), &mut chunks.heights).unwrap();
+            height::encode(
+                &lattice,
+                coding,
+                id == TileId::ROOT,
+                &mut Scratch::default(),
+                &mut chunks.heights,
+            )
+            .unwrap();
         }
         true
     })
@@ -408,20 +423,32 @@ fn a_border_sample_that_differs_is_found() {
     assert_eq!(problems(&quick, "borders"), 1, "{}", words(&quick));
     assert_eq!(quick.check("borders").unwrap().first[0].place.sample, Some([3 * 16, 16 + 3]));
     let full = report(&path, Some(&source), true);
-    assert_eq!(problems(&full, "source samples") + problems(&full, "samples across levels"), 1, "{}", words(&full));
+    assert_eq!(
+        problems(&full, "source samples") + problems(&full, "samples across levels"),
+        1,
+        "{}",
+        words(&full)
+    );
 }
 
 #[test]
 fn a_fill_that_differs_is_found() {
     let (_, file) = usual();
     let reader = Reader::open(&file.path).unwrap();
-    let (id, at) = reader.leaves().unwrap().into_iter().find_map(|id| {
-        let lattice = reader.read_tile(id).unwrap();
-        let odd = |at: &usize| (at % 17) % 2 == 1 && (at / 17) % 2 == 1;
-        let mut inner = (0..17 * 17).filter(odd);
-        let at = inner.find(|&at| lattice.state[at] != VALID && [1, 16, 17, 18].iter().any(|d| lattice.state[at - d] == VALID))?;
-        Some((id, at))
-    }).unwrap();
+    let (id, at) = reader
+        .leaves()
+        .unwrap()
+        .into_iter()
+        .find_map(|id| {
+            let lattice = reader.read_tile(id).unwrap();
+            let odd = |at: &usize| (at % 17) % 2 == 1 && (at / 17) % 2 == 1;
+            let mut inner = (0..17 * 17).filter(odd);
+            let at = inner.find(|&at| {
+                lattice.state[at] != VALID && [1, 16, 17, 18].iter().any(|d| lattice.state[at - d] == VALID)
+            })?;
+            Some((id, at))
+        })
+        .unwrap();
     let path = with_lattice(&file, id, |lattice| lattice.code[at] += 1);
     let report = report(&path, None, true);
     assert_eq!(problems(&report, "samples across levels"), 1, "{}", words(&report));
@@ -487,7 +514,8 @@ fn statistics_that_are_wrong_are_found() {
         for (e, chunks) in stored.values() {
             let (has_valid, has_void, min_m, max_m) = (e.has_valid, e.has_void, e.min_m, e.max_m);
             let (vertical, horizontal, children) = (e.vertical, e.horizontal, e.children);
-            let record = TileRecord { id: e.id, children, has_valid, has_void, vertical, horizontal, min_m, max_m };
+            let record =
+                TileRecord { id: e.id, children, has_valid, has_void, vertical, horizontal, min_m, max_m };
             writer.append(&record, chunks).unwrap();
         }
         writer.finish(reader.header(), reader.metadata(), &statistics).unwrap();
@@ -539,7 +567,9 @@ fn another_source_is_found() {
     assert_eq!(problems(&report(&file.path, Some(&source), false), "source header"), 1);
     let smaller = terrain::int16(99, 80, Kind::Islands, 9);
     let report = report(&file.path, Some(&smaller), false);
-    assert!(problems(&report, "source header") > 0 && !report.check("source samples").unwrap().note.is_empty());
+    assert!(
+        problems(&report, "source header") > 0 && !report.check("source samples").unwrap().note.is_empty()
+    );
 }
 
 #[test]
@@ -562,4 +592,43 @@ fn a_quantised_file_that_strays_is_found() {
     samples[1234] += 0.02;
     let report = report(&file.path, Some(&other), false);
     assert_eq!(problems(&report, "source samples"), 1);
+}
+
+#[test]
+fn the_command_line_says_what_is_wrong() {
+    let (_, file) = usual();
+    let run = |arguments: &[&std::ffi::OsStr]| {
+        assert_cmd::Command::cargo_bin("relevo").unwrap().arg("verify").args(arguments).output().unwrap()
+    };
+    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
+    let good = run(&[file.path.as_ref(), "--deep".as_ref()]);
+    assert_eq!(good.status.code(), Some(0), "{}", text(&good.stderr));
+    assert!(
+        text(&good.stdout).contains("a.rlv: good")
+            && text(&good.stdout).contains("Stored error / true error")
+    );
+
+    let mut bytes = std::fs::read(&file.path).unwrap();
+    let last = bytes.len() - 1;
+    bytes[last] ^= 1;
+    let damaged = file.folder.path().join("damaged.rlv");
+    std::fs::write(&damaged, &bytes).unwrap();
+    let bad = run(&[damaged.as_ref(), "--json".as_ref()]);
+    assert_eq!(bad.status.code(), Some(1));
+    let json: serde_json::Value = serde_json::from_slice(&bad.stdout).unwrap();
+    assert_eq!(json["good"], false);
+    let chunks = json["checks"].as_array().unwrap().iter().find(|check| check["name"] == "chunks").unwrap();
+    assert!(chunks["first"][0]["place"]["tile"].as_str().unwrap().starts_with("3/"));
+
+    bytes.truncate(300);
+    std::fs::write(&damaged, &bytes).unwrap();
+    let bad = run(&[damaged.as_ref()]);
+    assert_eq!(bad.status.code(), Some(1));
+    assert!(text(&bad.stdout).contains("truncated"), "{}", text(&bad.stdout));
+    let absent = run(&["no-such-file.rlv".as_ref()]);
+    assert_eq!((absent.status.code(), absent.stdout.len()), (Some(2), 0));
+    assert_eq!(
+        run(&[file.path.as_ref(), "--source".as_ref(), "no-such.tif".as_ref()]).status.code(),
+        Some(2)
+    );
 }

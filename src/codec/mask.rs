@@ -163,7 +163,10 @@ pub fn decode(
             bits::unpack(&scratch.raw, count, &mut scratch.bytes)?;
             let mut coder = Decoder { state: &mut lattice.state, bits: &scratch.bytes };
             scratch.validity.run(lattice.n, root, &mut coder);
-            return Ok(());
+            if lattice.state.contains(&VALID) && lattice.state.contains(&VOID) {
+                return Ok(());
+            }
+            return Err(Error::format("mask chunk", "valid and void samples, as the flags say", "one kind"));
         }
         Occupancy { has_valid: true, .. } => VALID,
         Occupancy { has_void: true, .. } => VOID,
@@ -174,8 +177,16 @@ pub fn decode(
     if !chunk.is_empty() {
         return Err(Error::format("mask chunk", "none for a tile without void samples", chunk.len()));
     }
+    if !root && !even_states(lattice).all(|state| (state == VALID) == (uniform == VALID)) {
+        return Err(Error::format("tile flags", "one kind of samples, as the parent has", "the other kind"));
+    }
     lattice.state.fill(uniform);
     Ok(())
+}
+
+/// States of the samples with even column and row.
+fn even_states(lattice: &Lattice) -> impl Iterator<Item = u8> {
+    lattice.state.chunks_exact(lattice.n + 1).step_by(2).flat_map(|row| row.iter().copied().step_by(2))
 }
 
 /// The plane must be as large as `n` says: whoever calls is wrong otherwise.

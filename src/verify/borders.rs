@@ -33,7 +33,12 @@ impl Border {
         let side = |place: &dyn Fn(usize) -> (usize, usize)| {
             (0..=n).map(place).map(|(x, y)| sample(lattice, x, y)).collect::<Vec<_>>()
         };
-        Self { north: side(&|i| (i, 0)), south: side(&|i| (i, n)), west: side(&|i| (0, i)), east: side(&|i| (n, i)) }
+        Self {
+            north: side(&|i| (i, 0)),
+            south: side(&|i| (i, n)),
+            west: side(&|i| (0, i)),
+            east: side(&|i| (n, i)),
+        }
     }
 
     /// What a tile shares with its neighbour in a direction.
@@ -59,7 +64,8 @@ fn sample(lattice: &Lattice, x: usize, y: usize) -> Sample {
     } else {
         let columns = x.saturating_sub(1)..=(x + 1).min(lattice.n);
         let mut rows = y.saturating_sub(1)..=(y + 1).min(lattice.n);
-        let near = rows.any(|row| columns.clone().any(|column| lattice.state[lattice.at(column, row)] == VALID));
+        let near =
+            rows.any(|row| columns.clone().any(|column| lattice.state[lattice.at(column, row)] == VALID));
         if near { FILLED } else { VOID }
     };
     (lattice.code[at], lattice.low_at(at), state)
@@ -85,7 +91,12 @@ impl<'a> Borders<'a> {
     /// None yet.
     pub fn new(reader: &'a Reader, keep: usize) -> Self {
         let check = Check::new("borders", "shared samples", keep);
-        Self { reader, waiting: HashMap::new(), check, existence: Check::new("existence", "neighbours", keep) }
+        Self {
+            reader,
+            waiting: HashMap::new(),
+            check,
+            existence: Check::new("existence", "neighbours", keep),
+        }
     }
 
     /// The next tile of a walk, with its border if it could be decoded.

@@ -49,7 +49,9 @@ pub(super) fn check(
     }
     if tables.by_tile.values().any(|(entry, _)| entry.is_leaf() && entry.id.level < header.levels) {
         let hint = "verify it without --deep";
-        return Err(Error::unsupported("leaves above the finest level in a deep check", hint).at(reader.path()));
+        return Err(
+            Error::unsupported("leaves above the finest level in a deep check", hint).at(reader.path())
+        );
     }
     let full = Full::decode(reader)?;
     compare_samples(reader, tables, &full, progress, &mut samples)?;
@@ -184,7 +186,8 @@ impl Deep<'_> {
     ) {
         let header = self.reader.header();
         let patches = table.patches * table.patches;
-        let occupied: Vec<bool> = (0..patches).map(|patch| has_valid(header, full, entry.id, patch)).collect();
+        let occupied: Vec<bool> =
+            (0..patches).map(|patch| has_valid(header, full, entry.id, patch)).collect();
         let planes = [(&table.vertical, &errors.vertical), (&table.horizontal, &errors.horizontal)];
         for (kind, (stored, expected)) in planes.into_iter().enumerate() {
             let check = &mut self.checks[kind];
@@ -194,7 +197,12 @@ impl Deep<'_> {
                 check.looked_at += 1;
                 let place = || Place::tile(entry.id).patch(patch, table.patches, step);
                 let got = format_args!("{} m", metres_from_code(code));
-                check.demand(paper::is_code_of(code, error), place, format_args!("{error} m, rounded up"), got);
+                check.demand(
+                    paper::is_code_of(code, error),
+                    place,
+                    format_args!("{error} m, rounded up"),
+                    got,
+                );
             }
         }
     }

@@ -71,7 +71,9 @@ impl Full {
             let from = lattice.at(0, row)..lattice.at(columns, row);
             let to = self.at(left as usize, top as usize + row);
             let to = to..to + columns;
-            for ((state, code), at) in lattice.state[from.clone()].iter().zip(&lattice.code[from.clone()]).zip(to) {
+            for ((state, code), at) in
+                lattice.state[from.clone()].iter().zip(&lattice.code[from.clone()]).zip(to)
+            {
                 if *state == VALID {
                     (self.state[at], self.code[at]) = (VALID, *code);
                 }
@@ -161,7 +163,14 @@ impl Full {
 
     /// Holds every sample of a tile against the sample it stands for. What its triangles can show lies in its height range: that
     /// is not so for a fill from farther away than the tile is wide.
-    pub fn compare(&self, header: &Header, id: TileId, lattice: &Lattice, range: (f32, f32), check: &mut Check) {
+    pub fn compare(
+        &self,
+        header: &Header,
+        id: TileId,
+        lattice: &Lattice,
+        range: (f32, f32),
+        check: &mut Check,
+    ) {
         let spacing = u64::from(header.spacing(id.level));
         let (left, top) = header.origin(id);
         check.looked_at += lattice.state.len() as u64;

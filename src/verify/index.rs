@@ -8,7 +8,7 @@ use std::io::{Read, Seek, SeekFrom};
 use super::VerifyOptions;
 use super::report::{Check, Place};
 use crate::codec::frame;
-use crate::container::directory::{Page, PageRef};
+use crate::container::directory::{Page, PageRef, TileEntry};
 use crate::container::reader::Reader;
 use crate::container::sections::{COVERED, PAGES, ROOT_PAGE, SectionEntry};
 use crate::error::{Error, Result};
@@ -41,7 +41,7 @@ pub(super) fn pages(reader: &Reader, options: &VerifyOptions) -> Result<Check> {
         let page = walk.read(id, start, place);
         let Some(page) = check.take(page, Place::tile(id).part("index page"))? else { continue };
         let last = id.level + page.depth - 1;
-        let below = page.tiles.iter().filter(|entry| entry.id.level == last).flat_map(|entry| entry.child_ids());
+        let below = page.tiles.iter().filter(|entry| entry.id.level == last).flat_map(TileEntry::child_ids);
         for (child, place) in below.zip(&page.pages) {
             walk.places.push((place.offset, place.length.into(), child));
             todo.push((child, pages.offset.saturating_add(place.offset), *place));

@@ -91,7 +91,14 @@ impl<'a> Outline<'a> {
     }
 
     /// Improves `best` by the outline in a block.
-    fn nearest_in(&self, log: u32, block: [u64; 2], point: [f64; 2], spacing: Spacing, best: &mut (f64, [u64; 2])) {
+    fn nearest_in(
+        &self,
+        log: u32,
+        block: [u64; 2],
+        point: [f64; 2],
+        spacing: Spacing,
+        best: &mut (f64, [u64; 2]),
+    ) {
         if self.occupancy.bits(log, block[0], block[1]) != MIXED {
             return;
         }

@@ -90,7 +90,11 @@ impl Rule {
 
     fn agrees(&self, decoded: f64, original: f64) -> bool {
         if self.error == 0.0 {
-            return if self.kind.is_float() { decoded.to_bits() == original.to_bits() } else { decoded == original };
+            return if self.kind.is_float() {
+                decoded.to_bits() == original.to_bits()
+            } else {
+                decoded == original
+            };
         }
         let most = self.error * (1.0 + 1e-12);
         (decoded - original).abs() <= most && (self.rounded(decoded) - original).abs() <= most
@@ -150,7 +154,8 @@ impl Band {
         check.looked_at += self.value.len() as u64;
         for (at, &decoded) in self.value.iter().enumerate() {
             let value = window.samples.value(at);
-            let masked = window.mask.as_ref().is_some_and(|mask| mask.get(at).is_none_or(|&valid| valid == 0));
+            let masked =
+                window.mask.as_ref().is_some_and(|mask| mask.get(at).is_none_or(|&valid| valid == 0));
             let void = masked || !value.is_finite() || rule.nodata == Some(value);
             let original = (!void).then_some(value);
             let good = match (decoded, original) {
@@ -159,8 +164,10 @@ impl Band {
                 _ => false,
             };
             if !good {
-                let word = |value: Option<f64>| value.map_or_else(|| "void".to_owned(), |value| value.to_string());
-                let (column, row) = ((at % self.width) as u64, u64::from(self.north) + (at / self.width) as u64);
+                let word =
+                    |value: Option<f64>| value.map_or_else(|| "void".to_owned(), |value| value.to_string());
+                let (column, row) =
+                    ((at % self.width) as u64, u64::from(self.north) + (at / self.width) as u64);
                 check.fail(Place::default().sample(column, row), word(original), word(decoded));
             }
         }

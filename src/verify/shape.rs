@@ -62,7 +62,8 @@ impl Cell {
     /// How much more than half valid a point is: positive where the surface is shown, 0 on its outline.
     pub fn shown(self, triangle: usize, valid: [bool; 4], point: Point) -> i64 {
         let weights = self.weights(triangle, point);
-        let sum: i64 = weights.into_iter().zip(valid).filter(|(_, valid)| *valid).map(|(weight, _)| weight).sum();
+        let sum: i64 =
+            weights.into_iter().zip(valid).filter(|(_, valid)| *valid).map(|(weight, _)| weight).sum();
         2 * sum - self.side
     }
 }
@@ -81,7 +82,9 @@ pub(super) struct Fine {
 impl Fine {
     /// Its corners.
     pub fn points(&self) -> [Point; 3] {
-        let place = |corner: usize| (self.origin.0 + 4 * (corner & 1) as i64, self.origin.1 + 4 * (corner >> 1) as i64);
+        let place = |corner: usize| {
+            (self.origin.0 + 4 * (corner & 1) as i64, self.origin.1 + 4 * (corner >> 1) as i64)
+        };
         self.cell.corners(self.part).map(place)
     }
 
@@ -201,7 +204,11 @@ impl Occupancy {
     #[inline]
     pub fn bits(&self, log: u32, x: u64, y: u64) -> u8 {
         let Some((columns, rows, bits)) = self.sizes.get(log as usize) else { return HAS_VOID };
-        if x < *columns as u64 && y < *rows as u64 { bits[y as usize * columns + x as usize] } else { HAS_VOID }
+        if x < *columns as u64 && y < *rows as u64 {
+            bits[y as usize * columns + x as usize]
+        } else {
+            HAS_VOID
+        }
     }
 
     /// Binary logarithm of the largest block: the root square.
@@ -237,7 +244,8 @@ impl Grid {
     pub fn halved(&self) -> Self {
         let rows = self.values.len() / self.columns.max(1);
         let (columns, rows) = (self.columns.div_ceil(2), rows.div_ceil(2));
-        let four = |x, y| self.get(x, y).max(self.get(x + 1, y)).max(self.get(x, y + 1)).max(self.get(x + 1, y + 1));
+        let four =
+            |x, y| self.get(x, y).max(self.get(x + 1, y)).max(self.get(x, y + 1)).max(self.get(x + 1, y + 1));
         let values = (0..columns * rows).map(|i| four(2 * (i % columns), 2 * (i / columns))).collect();
         Self { columns, values }
     }

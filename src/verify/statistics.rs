@@ -164,7 +164,8 @@ fn compare_errors(place: &str, counts: &BTreeMap<u16, u64>, stored: &ErrorStatis
         .flat_map(|(&code, &count)| std::iter::repeat_n(f64::from(metres_from_code(code)), count as usize))
         .collect();
     let count = sorted.len();
-    let rank = |percent: usize| sorted.get((count * percent).div_ceil(100).max(1) - 1).copied().unwrap_or(0.0);
+    let rank =
+        |percent: usize| sorted.get((count * percent).div_ceil(100).max(1) - 1).copied().unwrap_or(0.0);
     let mean = if count == 0 { 0.0 } else { sorted.iter().sum::<f64>() / count as f64 };
     for (name, expected, got) in [
         ("count", count as f64, stored.count as f64),
@@ -184,7 +185,11 @@ fn compare_errors(place: &str, counts: &BTreeMap<u16, u64>, stored: &ErrorStatis
     let bins: Vec<_> = bins.into_iter().collect();
     check.looked_at += 1;
     if bins != stored.histogram {
-        check.fail(Place::of(format!("{place}, histogram")), format_args!("{bins:?}"), format_args!("{:?}", stored.histogram));
+        check.fail(
+            Place::of(format!("{place}, histogram")),
+            format_args!("{bins:?}"),
+            format_args!("{:?}", stored.histogram),
+        );
     }
 }
 

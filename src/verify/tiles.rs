@@ -10,13 +10,13 @@ use rayon::prelude::*;
 use super::borders::{Border, Borders};
 use super::report::{Check, Place};
 use super::statistics::Recount;
+use super::tables::{above, check_drawable, check_index, check_parent, check_table};
 use super::{VerifyOptions, Watch, tell};
 use crate::codec::table::ErrorTable;
 use crate::container::directory::{ChunkKind, TileEntry};
 use crate::container::layout::Header;
 use crate::container::reader::Reader;
 use crate::error::{Error, Result};
-use crate::error_code::{MAX_CODE, code_from_metres, metres_from_code};
 use crate::sample::{Lattice, VALID};
 use crate::tile::TileId;
 
@@ -142,8 +142,8 @@ impl<'a> Walk<'a> {
         if let Some(table) = &tile.table {
             self.recount.add_drawable(&entry, table);
             check_table(&entry, table, self.reader.header(), &mut self.monotone);
-            if let Some(parent) = self.path.last() {
-                check_parent(parent, &entry, table, &mut self.monotone);
+            if let Some(Node { entry: parent, table: Some(over), .. }) = self.path.last() {
+                check_parent(parent.id, over, &entry, table, &mut self.monotone);
             }
             if self.keep_tables {
                 self.tables.by_tile.insert(entry.id, (entry, table.clone()));
@@ -153,7 +153,12 @@ impl<'a> Walk<'a> {
             let (outer, inner) = ((parent.entry.min_m, parent.entry.max_m), (entry.min_m, entry.max_m));
             let holds = outer.0 <= inner.0 && outer.1 >= inner.1;
             let place = || Place::tile(parent.entry.id).part("height range");
-            self.structure.demand(holds, place, format_args!("one that holds {inner:?}"), format_args!("{outer:?}"));
+            self.structure.demand(
+                holds,
+                place,
+                format_args!("one that holds {inner:?}"),
+                format_args!("{outer:?}"),
+            );
         }
         let drawable = |table: &ErrorTable| table.drawable.clone();
         let occupied = if entry.is_leaf() { tile.table.as_ref().map(drawable) } else { None };
@@ -199,7 +204,8 @@ impl<'a> Walk<'a> {
                 expected = end;
             }
         } else {
-            self.index.note = "the index cannot be read to its end; tiles below the damage were not looked at".into();
+            self.index.note =
+                "the index cannot be read to its end; tiles below the damage were not looked at".into();
         }
         self.tables.whole &= counted;
         let statistics = self.recount.check(self.reader, self.tables.whole, self.keep)?;
@@ -208,12 +214,6 @@ impl<'a> Walk<'a> {
             vec![self.index, self.chunks, self.structure, existence, borders, self.monotone, statistics];
         Ok((self.tables, checks))
     }
-}
-
-/// The parent's patch that holds patch `patch` of a tile of `side x side`.
-fn above(id: TileId, patch: usize, side: usize) -> usize {
-    let place = |index: usize, bit: u32| ((bit & 1) as usize * side + index) / 2;
-    place(patch / side, id.y) * side + place(patch % side, id.x)
 }
 
 /// Reads and decodes a tile, and checks what needs no other.
@@ -298,83 +298,23 @@ fn check_lattice(
     }
     for quadrant in (0..4).filter(|&quadrant| !entry.is_leaf() && demanded[usize::from(quadrant)]) {
         let child = || Place::tile(entry.id.child(quadrant));
-        check.demand(entry.has_child(quadrant), child, "a tile, for its parent has a valid sample there", "none");
+        check.demand(
+            entry.has_child(quadrant),
+            child,
+            "a tile, for its parent has a valid sample there",
+            "none",
+        );
     }
     if let Some((low, high)) = range_m {
         let finite = low.is_finite() && high.is_finite();
         check.demand(finite, || place().part("heights"), "finite ones", format_args!("{low} to {high}"));
         let holds = f64::from(entry.min_m) <= low && f64::from(entry.max_m) >= high;
         let got = format_args!("{} to {}", entry.min_m, entry.max_m);
-        check.demand(holds, || place().part("height range"), format_args!("one that holds {low} to {high}"), got);
-    }
-}
-
-/// The bits that say which patches can be drawn.
-fn check_drawable(header: &Header, entry: &TileEntry, lattice: &Lattice, table: &ErrorTable, check: &mut Check) {
-    let (patch, side) = (header.patch() as usize, header.patches() as usize);
-    for (index, &stored) in table.drawable.iter().enumerate() {
-        let (x, y) = (index % side * patch, index / side * patch);
-        let mut samples = (y..=y + patch).flat_map(|row| (x..=x + patch).map(move |column| lattice.at(column, row)));
-        let drawable = samples.any(|at| lattice.state[at] == VALID);
-        let place = || {
-            let patch = Some([(index % side) as u32, (index / side) as u32]);
-            Place { tile: Some(entry.id), patch, part: "drawable".into(), ..Place::default() }
-        };
-        check.demand(drawable == stored, place, drawable, stored);
-    }
-}
-
-/// The index row's errors: the largest of the patches at step 0.
-fn check_index(entry: &TileEntry, table: &ErrorTable, check: &mut Check) {
-    let patches = table.patches * table.patches;
-    for (name, plane, stored) in
-        [("vertical error", &table.vertical, entry.vertical), ("horizontal error", &table.horizontal, entry.horizontal)]
-    {
-        let largest = plane.iter().take(patches).max().copied().unwrap_or(0);
-        let place = || Place::tile(entry.id).part(format!("{name} in the index"));
-        check.demand(largest == stored, place, format_args!("code {largest}"), format_args!("code {stored}"));
-    }
-}
-
-/// Errors that never shrink with the step; those of a leaf's step 0.
-fn check_table(entry: &TileEntry, table: &ErrorTable, header: &Header, check: &mut Check) {
-    let patches = table.patches * table.patches;
-    // At step 0 a leaf is its own surface: only quantisation is left.
-    let quantisation = header.quantisation_error * header.band_scale.abs() * header.unit_metres;
-    let rounded = |slack: f64| code_from_metres(quantisation * (1.0 + slack));
-    for (name, plane, least, most) in [
-        ("vertical", &table.vertical, rounded(-1e-12), rounded(1e-12)),
-        ("horizontal", &table.horizontal, 0, 0),
-    ] {
-        check.looked_at += plane.len() as u64;
-        for (at, &code) in plane.iter().enumerate() {
-            let (step, patch) = (at / patches, at % patches);
-            let place = || Place::tile(entry.id).patch(patch, table.patches, step).part(name);
-            let finer = if step == 0 { 0 } else { plane[at - patches] };
-            let good = (finer..=MAX_CODE).contains(&code);
-            check.demand(good, place, format_args!("a code from {finer} to {MAX_CODE}"), code);
-            if step == 0 && entry.is_leaf() {
-                let expected = if table.drawable[patch] { least..=most } else { 0..=most };
-                let metres = metres_from_code(code);
-                check.demand(expected.contains(&code), place, format_args!("{quantisation} m"), metres);
-            }
-        }
-    }
-}
-
-/// A parent's errors at step k are not below its children's at step k + 1.
-fn check_parent(parent: &Node, entry: &TileEntry, table: &ErrorTable, check: &mut Check) {
-    let Some(over) = &parent.table else { return };
-    let (side, patches) = (table.patches, table.patches * table.patches);
-    let planes = [("vertical", &over.vertical, &table.vertical), ("horizontal", &over.horizontal, &table.horizontal)];
-    for (name, coarse, fine) in planes {
-        for (at, &code) in fine.iter().enumerate().skip(patches) {
-            let (step, patch) = (at / patches - 1, at % patches);
-            let stored = coarse[step * patches + above(entry.id, patch, side)];
-            let place =
-                || Place::tile(parent.entry.id).patch(above(entry.id, patch, side), side, step).part(name);
-            let expected = format_args!("{} m or more, as tile {} has", metres_from_code(code), entry.id);
-            check.demand(stored >= code, place, expected, format_args!("{} m", metres_from_code(stored)));
-        }
+        check.demand(
+            holds,
+            || place().part("height range"),
+            format_args!("one that holds {low} to {high}"),
+            got,
+        );
     }
 }

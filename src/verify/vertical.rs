@@ -70,7 +70,8 @@ impl<'a> Surfaces<'a> {
             .map(|i| {
                 let (x, y) = ((i % columns) as u64, (i / columns) as u64);
                 let across = 1_u64 << (group - q);
-                let cells = (0..across).flat_map(|j| (0..across).map(move |i| (x * across + i, y * across + j)));
+                let cells =
+                    (0..across).flat_map(|j| (0..across).map(move |i| (x * across + i, y * across + j)));
                 cells.map(|(column, row)| self.cell(q, column, row)).fold(0.0, f64::max)
             })
             .collect();
@@ -191,7 +192,8 @@ impl Drawn {
 
     /// Deviation, times `4 s`, over the part of a fine triangle that is shown on both surfaces.
     fn triangle<N: Number>(&self, fine: &Fine, valid: [bool; 4], heights: [N; 4], corners: [N; 4]) -> f64 {
-        let count = |cell: Cell, part, valid: [bool; 4]| cell.corners(part).iter().filter(|&&i| valid[i]).count();
+        let count =
+            |cell: Cell, part, valid: [bool; 4]| cell.corners(part).iter().filter(|&&i| valid[i]).count();
         let under = fine.within(self.cell);
         let counts = (count(fine.cell, fine.part, valid), count(self.cell, under, self.valid));
         if counts.0 == 0 || counts.1 == 0 {

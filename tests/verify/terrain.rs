@@ -116,21 +116,27 @@ impl Kind {
     fn at(self, x: u32, y: u32, (width, height): (u32, u32), seed: u64) -> Option<i16> {
         let random = noise(seed, x, y);
         let rough = (random >> 20) as i16 / 2;
-        let one = (noise(seed, 0, 1) % u64::from(width)) as u32 == x && (noise(seed, 1, 0) % u64::from(height)) as u32 == y;
+        let one = (noise(seed, 0, 1) % u64::from(width)) as u32 == x
+            && (noise(seed, 1, 0) % u64::from(height)) as u32 == y;
         match self {
             Self::Rough => Some(rough),
-            Self::Spikes => Some(if random % 97 == 0 || one { rough } else { 0 }),
-            Self::Checkerboard => Some(if (x + y) % 2 == 0 { 1000 } else { -1000 }),
-            Self::VoidCheckerboard => ((x + y) % 2 == 0).then_some(rough / 16),
-            Self::Pinholes => (random % 31 != 0 || one).then_some(rough / 64),
+            Self::Spikes => Some(if random.is_multiple_of(97) || one { rough } else { 0 }),
+            Self::Checkerboard => Some(if (x + y).is_multiple_of(2) { 1000 } else { -1000 }),
+            Self::VoidCheckerboard => (x + y).is_multiple_of(2).then_some(rough / 16),
+            Self::Pinholes => (!random.is_multiple_of(31) || one).then_some(rough / 64),
             Self::Stripes => (x % 9 == (seed % 9) as u32 || y % 13 == 4).then_some(rough / 8),
-            Self::RandomVoids => (random % 2 == 0 || one).then_some(rough),
+            Self::RandomVoids => (random.is_multiple_of(2) || one).then_some(rough),
             Self::Islands => {
-                let wave = (f64::from(x) * 0.21 + seed as f64).sin() + (f64::from(y) * 0.17).cos() + (f64::from(x + y) * 0.05).sin();
+                let wave = (f64::from(x) * 0.21 + seed as f64).sin()
+                    + (f64::from(y) * 0.17).cos()
+                    + (f64::from(x + y) * 0.05).sin();
                 (wave > 0.3 || one).then_some((wave * 500.0) as i16 + (random % 7) as i16)
             }
             Self::Plateaus => {
-                let land = (x / 16 + y / 16) % 3 != 0 || x % 16 == 0 || y % 32 == 0 || one;
+                let land = !(x / 16 + y / 16).is_multiple_of(3)
+                    || x.is_multiple_of(16)
+                    || y.is_multiple_of(32)
+                    || one;
                 land.then_some(((x / 16 * 7 + y / 16 * 3) % 11) as i16 * 100)
             }
             Self::OneValid => one.then_some(rough),
@@ -146,7 +152,8 @@ impl Kind {
 
 /// A raster of 16-bit integers.
 pub fn int16(width: u32, height: u32, kind: Kind, seed: u64) -> Memory {
-    let samples = (0..width * height).map(|i| kind.at(i % width, i / width, (width, height), seed).unwrap_or(NODATA));
+    let samples =
+        (0..width * height).map(|i| kind.at(i % width, i / width, (width, height), seed).unwrap_or(NODATA));
     let samples = Samples::Int16(samples.collect());
     let info = SourceInfo { nodata: Some(NODATA.into()), ..info(width, height, SampleType::Int16) };
     Memory { info, samples, mask: None }
@@ -156,7 +163,8 @@ pub fn int16(width: u32, height: u32, kind: Kind, seed: u64) -> Memory {
 pub fn extreme(width: u32, height: u32, kind: SampleType, seed: u64) -> Memory {
     macro_rules! pick {
         ($variant:ident, $type:ty, $small:expr) => {{
-            let choices = [<$type>::MIN, <$type>::MAX, 0 as $type, 1 as $type, $small, <$type>::MAX / 3 as $type];
+            let choices =
+                [<$type>::MIN, <$type>::MAX, 0 as $type, 1 as $type, $small, <$type>::MAX / 3 as $type];
             let at = |i: u32| choices[(noise(seed, i % width, i / width) % 6) as usize];
             Samples::$variant((0..width * height).map(at).collect())
         }};
@@ -171,7 +179,9 @@ pub fn extreme(width: u32, height: u32, kind: SampleType, seed: u64) -> Memory {
         SampleType::Float32 => pick!(Float32, f32, -1e-30),
         SampleType::Float64 => pick!(Float64, f64, -1e-300),
     };
-    let mask = (0..width * height).map(|i| u8::from(noise(seed + 1, i % width / 5, i / width / 3) % 4 != 0)).collect();
+    let mask = (0..width * height)
+        .map(|i| u8::from(!noise(seed + 1, i % width / 5, i / width / 3).is_multiple_of(4)))
+        .collect();
     Memory { info: info(width, height, kind), samples, mask: Some(mask) }
 }
 
