@@ -163,7 +163,8 @@ impl Geo {
         for column in [columns.0, columns.1] {
             for row in [rows.0, rows.1] {
                 let (_, y) = self.world_from_sample(f64::from(column), f64::from(row));
-                let latitude = (y * self.crs.unit).clamp(-std::f64::consts::FRAC_PI_2, std::f64::consts::FRAC_PI_2);
+                let latitude =
+                    (y * self.crs.unit).clamp(-std::f64::consts::FRAC_PI_2, std::f64::consts::FRAC_PI_2);
                 if latitude * sign < 0.0 {
                     nearest = 0.0;
                 }
