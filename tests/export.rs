@@ -1,6 +1,6 @@
 //! `export` gives the source back: GDAL reads the same samples, size, place and voids from both.
 
-#![expect(clippy::expect_used, reason = "a test that cannot go on says why")]
+#![expect(clippy::expect_used, clippy::panic, reason = "a test that cannot go on says why")]
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -155,7 +155,7 @@ fn an_independent_reader_agrees() {
                 SampleType::Float64 => f64::from(hash) / 3.0,
                 _ => f64::from(x * 5 + y * 3 + hash % 50),
             };
-            let void = (x / 11 + y / 5) % 4 == 0 || hash % 41 == 0;
+            let void = (x / 11 + y / 5).is_multiple_of(4) || hash.is_multiple_of(41);
             (!void).then_some(height)
         };
         dem(&tif, kind, (90, 70), value);
