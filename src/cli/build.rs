@@ -191,8 +191,9 @@ fn print(
         "lossless".to_owned()
     };
     let rate = short(samples / time / 1e6);
-    let tiles = grouped(header.tile_count);
-    writeln!(out, "{tiles} tiles in {}, {rate} million samples a second; {kept}", seconds(time))
+    let tiles =
+        if header.tile_count == 1 { "1 tile".to_owned() } else { grouped(header.tile_count) + " tiles" };
+    writeln!(out, "{tiles} in {}, {rate} million samples a second; {kept}", seconds(time))
 }
 
 fn percent(share: f64) -> String {

@@ -55,6 +55,8 @@ pub(super) struct Layout {
     pub(super) stored: Stored,
     /// Samples of different bands beside each other in a block; this band is the first of them.
     pub(super) bands: u32,
+    /// Bands of the file; the first is the elevation.
+    pub(super) band_count: u32,
     pub(super) compression: Compression,
     pub(super) predictor: Predictor,
     /// True if numbers must be turned to this machine's byte order.
@@ -111,6 +113,7 @@ impl Layout {
             tiled,
             stored,
             bands: if planar { 1 } else { u32::from(samples) },
+            band_count: u32::from(samples),
             compression,
             predictor,
             swapped: reader.swapped,
@@ -167,7 +170,9 @@ impl Layout {
             Predictor::Horizontal => ", predictor 2",
             Predictor::FloatingPoint => ", predictor 3",
         };
-        format!("{blocks}, {packed}{predictor}")
+        let band =
+            if self.band_count > 1 { format!(", band 1 of {}", self.band_count) } else { String::new() };
+        format!("{blocks}, {packed}{predictor}{band}")
     }
 
     /// A block that has to be decoded as a whole must fit; of others only the rows in use are ever copied.
