@@ -60,7 +60,7 @@ impl SectionEntry {
         Self { kind, flags, offset, length, crc }
     }
 
-    /// First byte behind the section. Does not overflow once [`check`] has passed.
+    /// First byte behind the section. Does not overflow once `check` has passed.
     pub fn end(&self) -> u64 {
         self.offset.saturating_add(self.length)
     }
