@@ -43,6 +43,9 @@ impl Blocks {
         let n = lattice.n;
         let mut blocks = Self::void(n);
         for y in 0..n {
+            if coding != Coding::Float64 && blocks.full_row(lattice, y) {
+                continue;
+            }
             for x in 0..n {
                 let corners =
                     [lattice.at(x, y), lattice.at(x + 1, y), lattice.at(x, y + 1), lattice.at(x + 1, y + 1)];
@@ -65,6 +68,26 @@ impl Blocks {
             }
         }
         blocks
+    }
+
+    /// Blocks of row `y` if all their samples are valid; false, and nothing done, if not.
+    fn full_row(&mut self, lattice: &Lattice, y: usize) -> bool {
+        let n = self.n;
+        let (north, south) = (y * (n + 1), (y + 1) * (n + 1));
+        if !lattice.state[north..=south + n].iter().all(|&state| state == VALID) {
+            return false;
+        }
+        let (north, south) = (&lattice.code[north..south], &lattice.code[south..=south + n]);
+        let out = y * n..(y + 1) * n;
+        let pairs = north.windows(2).zip(south.windows(2));
+        for ((min, max), (a, b)) in
+            self.min[out.clone()].iter_mut().zip(&mut self.max[out.clone()]).zip(pairs)
+        {
+            *min = a[0].min(a[1]).min(b[0]).min(b[1]);
+            *max = a[0].max(a[1]).max(b[0]).max(b[1]);
+        }
+        self.state[out].fill(HAS_VALID);
+        true
     }
 
     /// Extremes over the valid corners and the midpoints of the mixed edges of one cell.

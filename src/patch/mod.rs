@@ -15,6 +15,7 @@ pub mod exact;
 pub mod inherit;
 pub mod outline;
 pub mod paper;
+mod rows;
 
 use crate::geo::Spacing;
 

@@ -81,12 +81,11 @@ impl Range {
                 .map(|i| lattice.value(i, coding))
                 .fold(Self::EMPTY, |range, v| Self { low: range.low.min(v), high: range.high.max(v) });
         }
-        let (mut low, mut high) = (i32::MAX, i32::MIN);
-        for (&code, &state) in lattice.code.iter().zip(&lattice.state) {
-            if state >= least {
-                (low, high) = (low.min(code), high.max(code));
-            }
-        }
+        let codes = || lattice.code.iter().zip(&lattice.state);
+        let low = codes()
+            .fold(i32::MAX, |low, (&code, &state)| low.min(if state >= least { code } else { i32::MAX }));
+        let high = codes()
+            .fold(i32::MIN, |high, (&code, &state)| high.max(if state >= least { code } else { i32::MIN }));
         if low > high {
             return Self::EMPTY;
         }
