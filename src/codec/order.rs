@@ -97,6 +97,11 @@ impl Stage {
         self.m * self.m + 2 * self.m * (self.m + 1)
     }
 
+    /// Intervals of the whole lattice between samples after the refinement.
+    pub fn half(self) -> usize {
+        self.half
+    }
+
     /// The samples of the refined lattice around one of them; a place outside the lattice is given as the sample itself.
     pub fn around(self, at: usize) -> [usize; 8] {
         let (width, half) = (self.n + 1, self.half);

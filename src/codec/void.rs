@@ -26,6 +26,30 @@ pub fn lower_median(codes: &[i32], state: &[u8], stage: Stage, at: usize) -> Opt
     Some(near[(count - 1) / 2])
 }
 
+/// Whether a sample of row `y` may have a valid one around it, `h` samples away, column by column into `near`: most void samples have
+/// none, and this says so for a whole row at a time.
+pub fn near_valid(state: &[u8], width: usize, y: usize, h: usize, near: &mut Vec<bool>) {
+    let rows = state.len() / width;
+    let row = |y: usize| &state[y * width..(y + 1) * width];
+    near.clear();
+    near.resize(width, false);
+    for y in [y.checked_sub(h), Some(y), y.checked_add(h).filter(|&y| y < rows)].into_iter().flatten() {
+        let row = row(y);
+        if !row.contains(&VALID) {
+            continue;
+        }
+        for (near, &state) in near.iter_mut().zip(row) {
+            *near |= state == VALID;
+        }
+        for (near, &state) in near[h..].iter_mut().zip(row) {
+            *near |= state == VALID;
+        }
+        for (near, &state) in near.iter_mut().zip(&row[h..]) {
+            *near |= state == VALID;
+        }
+    }
+}
+
 /// Replaces the void samples of `(m + 1)^2` parents: straight lines between the valid ones of a row, the nearest valid one
 /// at its ends; rows without a valid sample copy the nearest row above that has one, or below.
 pub fn replace(parents: &mut [i32], valid: &[bool], m: usize) {

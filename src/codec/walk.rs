@@ -201,6 +201,7 @@ impl Coder for Encoder<'_> {
 
     fn fill(&mut self, stage: Stage) {
         let state = self.places.state;
+        let (width, mut near) = (self.places.n + 1, Vec::new());
         let mut start = self.residuals.len() - stage.newborn_count();
         for row in stage.newborn() {
             let residuals = &mut self.residuals[start..start + row.count];
@@ -208,8 +209,11 @@ impl Coder for Encoder<'_> {
             if void::all_valid(&state[row.first..row.end()]) {
                 continue;
             }
+            let y = row.first / width;
+            void::near_valid(state, width, y, stage.half(), &mut near);
             for (residual, at) in residuals.iter_mut().zip(row.indices()) {
                 if state[at] == FILLED
+                    && near[at - y * width]
                     && let Some(median) = void::lower_median(self.codes, state, stage, at)
                 {
                     *residual = bits::zigzag(self.codes[at].wrapping_sub(median));
@@ -266,6 +270,7 @@ impl Coder for Decoder<'_> {
 
     fn fill(&mut self, stage: Stage) {
         let state = self.places.state;
+        let (width, mut near) = (self.places.n + 1, Vec::new());
         let mut start = self.used - stage.newborn_count();
         for row in stage.newborn() {
             let residuals = &self.residuals[start..start + row.count];
@@ -273,9 +278,13 @@ impl Coder for Decoder<'_> {
             if void::all_valid(&state[row.first..row.end()]) {
                 continue;
             }
+            let y = row.first / width;
+            void::near_valid(state, width, y, stage.half(), &mut near);
             for (&g, at) in residuals.iter().zip(row.indices()) {
                 if state[at] != VALID {
-                    let median = void::lower_median(self.codes, state, stage, at);
+                    let median =
+                        near[at - y * width].then(|| void::lower_median(self.codes, state, stage, at));
+                    let median = median.flatten();
                     self.codes[at] = median.unwrap_or(self.codes[at]).wrapping_add(bits::unzigzag(g));
                 }
             }
