@@ -214,7 +214,9 @@ mod tests {
             let z: Vec<i32> = seed[..stride * stride].iter().map(|v| v.0).collect();
             let corners = [0, s, s * stride, s * stride + s];
             let mut state: Vec<u8> = seed[..stride * stride].iter().map(|v| if v.1 == 0 { VOID } else { VALID }).collect();
-            corners.iter().for_each(|&i| state[i] = VALID);
+            for i in corners {
+                state[i] = VALID;
+            }
             let planes = cell.planes(corners.map(|i| f64::from(z[i])));
             let (mut all, mut valid) = (0.0_f64, 0.0_f64);
             for y in 0..=s {
