@@ -85,6 +85,7 @@ fn build_info_stats_export_on_a_real_dem() {
     let stats = relevo(&["stats", text(&rlv), "--json"]);
     let stats: serde_json::Value = serde_json::from_slice(&stats.stdout).expect("JSON");
     assert_eq!(stats["statistics"]["levels"].as_array().expect("levels").len(), 3);
+    assert_eq!(stats["statistics"]["levels"][0]["void_share"], 0.0);
     let csv = relevo(&["stats", text(&rlv), "--csv"]);
     let csv = String::from_utf8(csv.stdout).expect("text");
     assert_eq!(csv.lines().count(), 1 + 3 * 7);

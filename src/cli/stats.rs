@@ -8,7 +8,7 @@ use relevo::Error;
 use relevo::container::layout::Header;
 use relevo::container::metadata::{ErrorStatistics, LevelStatistics, Statistics};
 use relevo::container::reader::Reader;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::cli::Outcome;
 use crate::cli::table::{Table, bytes, grouped, short};
@@ -37,7 +37,7 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         let all = json!({
             "file": args.file, "bytes": reader.file_len(), "columns": header.width, "rows": header.height,
             "metric": header.metric.as_str(), "tile": header.tile(), "patch": header.patch(),
-            "statistics": statistics,
+            "statistics": with_shares(&statistics),
         });
         serde_json::to_writer_pretty(&mut *out, &all).map_err(io::Error::from)?;
         writeln!(out)?;
@@ -72,7 +72,6 @@ pub fn levels_table(statistics: &Statistics, header: &Header, out: &mut dyn Writ
         &format!("step {}", header.steps() - 1),
     ]);
     for level in &statistics.levels {
-        let (size, samples) = (level_bytes(level), (level.columns * level.rows) as f64);
         let worst = |step: usize| {
             level.steps.get(step).map_or(String::new(), |s| {
                 let h = if s.horizontal.max > 0.0 {
@@ -88,9 +87,9 @@ pub fn levels_table(statistics: &Statistics, header: &Header, out: &mut dyn Writ
             grouped(level.tiles),
             grouped(level.patches),
             level.steps.first().map_or(String::new(), |s| short(s.spacing_m[0].max(s.spacing_m[1]))),
-            short(100.0 * (1.0 - level.valid as f64 / samples)),
-            bytes(size),
-            short(size as f64 * 8.0 / samples),
+            short(100.0 * void_share(level)),
+            bytes(level_bytes(level)),
+            short(bits_per_sample(level)),
             worst(0),
             worst(level.steps.len().saturating_sub(1)),
         ]);
@@ -151,13 +150,37 @@ fn horizontal(step: &Step) -> &ErrorStatistics {
     &step.horizontal
 }
 
+/// The statistics section, each level with its share of voids and its bits a sample.
+fn with_shares(statistics: &Statistics) -> Value {
+    let mut all = json!(statistics);
+    let levels = all["levels"].as_array_mut().map(|levels| levels.iter_mut().zip(&statistics.levels));
+    for (json, level) in levels.into_iter().flatten() {
+        json["void_share"] = json!(void_share(level));
+        json["bits_per_sample"] = json!(bits_per_sample(level));
+    }
+    all
+}
+
+/// Share of a level's lattice within the raster that is void.
+fn void_share(level: &LevelStatistics) -> f64 {
+    1.0 - level.valid as f64 / (level.columns * level.rows) as f64
+}
+
+/// Stored bits for each sample of a level's lattice.
+fn bits_per_sample(level: &LevelStatistics) -> f64 {
+    level_bytes(level) as f64 * 8.0 / (level.columns * level.rows) as f64
+}
+
 /// Bytes of all chunks of a level.
 pub fn level_bytes(level: &LevelStatistics) -> u64 {
     level.heights_bytes + level.masks_bytes + level.errors_bytes
 }
 
 fn csv(statistics: &Statistics, out: &mut dyn Write) -> io::Result<()> {
-    write!(out, "level,step,tiles,patches,columns,rows,valid,bytes,spacing_x_m,spacing_y_m")?;
+    write!(
+        out,
+        "level,step,tiles,patches,columns,rows,valid,void_share,bytes,bits_per_sample,spacing_x_m,spacing_y_m"
+    )?;
     for kind in ["vertical", "horizontal"] {
         for figure in ["min", "mean", "p50", "p90", "p99", "max"] {
             write!(out, ",{kind}_{figure}_m")?;
@@ -168,14 +191,9 @@ fn csv(statistics: &Statistics, out: &mut dyn Write) -> io::Result<()> {
         for (k, step) in level.steps.iter().enumerate() {
             let [dx, dy] = step.spacing_m;
             write!(out, "{},{k},{},{}", level.level, level.tiles, step.vertical.count)?;
-            write!(
-                out,
-                ",{},{},{},{},{dx},{dy}",
-                level.columns,
-                level.rows,
-                level.valid,
-                level_bytes(level)
-            )?;
+            let (void, bits) = (void_share(level), bits_per_sample(level));
+            write!(out, ",{},{},{},{void}", level.columns, level.rows, level.valid)?;
+            write!(out, ",{},{bits},{dx},{dy}", level_bytes(level))?;
             for e in [&step.vertical, &step.horizontal] {
                 write!(out, ",{},{},{},{},{},{}", e.min, e.mean, e.p50, e.p90, e.p99, e.max)?;
             }
