@@ -55,7 +55,7 @@ pub fn geotiff(reader: &Reader, output: &Path, options: GeotiffOptions) -> Resul
     spec.force = options.force;
     let mut writer = GeotiffWriter::create(output, &spec)?;
     each_band(reader, options.level, |values| {
-        writer.write_rows(&samples(values, header.source_type, spec.nodata.unwrap_or(0.0)))
+        writer.write_rows(&samples(values, header.source_type, spec.nodata))
     })?;
     writer.finish()?;
     Ok((columns, rows))
@@ -179,10 +179,23 @@ fn integer_range(kind: SampleType) -> Option<(f64, f64)> {
 }
 
 /// Values as samples of the source's type; quantised values are rounded into it.
-fn samples(values: &[Option<f64>], kind: SampleType, void: f64) -> Samples {
+///
+/// A quantised height that falls on the void value is moved to the next number, so that it does not become a void.
+fn samples(values: &[Option<f64>], kind: SampleType, void: Option<f64>) -> Samples {
+    macro_rules! convert {
+        ($variant:ident, $type:ty, $round:expr, $next:expr) => {{
+            let void = void.map(|v| v as $type);
+            let sample = |value: &Option<f64>| match value.map(|v| $round(v) as $type) {
+                Some(valid) if Some(valid) == void => $next(valid),
+                Some(valid) => valid,
+                None => void.unwrap_or_default(),
+            };
+            Samples::$variant(values.iter().map(sample).collect())
+        }};
+    }
     macro_rules! integers {
         ($variant:ident, $type:ty) => {
-            Samples::$variant(values.iter().map(|v| v.unwrap_or(void).round() as $type).collect())
+            convert!($variant, $type, f64::round, |v: $type| v.checked_add(1).unwrap_or(v - 1))
         };
     }
     match kind {
@@ -192,7 +205,22 @@ fn samples(values: &[Option<f64>], kind: SampleType, void: f64) -> Samples {
         SampleType::Uint16 => integers!(Uint16, u16),
         SampleType::Int32 => integers!(Int32, i32),
         SampleType::Uint32 => integers!(Uint32, u32),
-        SampleType::Float32 => Samples::Float32(values.iter().map(|v| v.unwrap_or(void) as f32).collect()),
-        SampleType::Float64 => Samples::Float64(values.iter().map(|v| v.unwrap_or(void)).collect()),
+        SampleType::Float32 => convert!(Float32, f32, f64::from, f32::next_up),
+        SampleType::Float64 => convert!(Float64, f64, f64::from, f64::next_up),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quantised_height_never_becomes_a_void() {
+        let values = [Some(0.0), None, Some(3.0), Some(255.0)];
+        assert_eq!(samples(&values, SampleType::Uint8, Some(0.0)), Samples::Uint8(vec![1, 0, 3, 255]));
+        assert_eq!(samples(&values, SampleType::Uint8, Some(255.0)), Samples::Uint8(vec![0, 255, 3, 254]));
+        assert_eq!(samples(&values, SampleType::Uint8, None), Samples::Uint8(vec![0, 0, 3, 255]));
+        let tiny = f32::from_bits(1);
+        assert_eq!(samples(&values[..2], SampleType::Float32, Some(0.0)), Samples::Float32(vec![tiny, 0.0]));
     }
 }

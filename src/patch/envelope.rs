@@ -1,4 +1,4 @@
-//! Vertical error above the leaves: block extremes against the drawn planes (`metrics.md` method "envelope").
+//! Vertical error above the leaves: block extremes against the drawn planes.
 //!
 //! Every tile has the minimum and maximum of the full-resolution surface over blocks of one of its own intervals. The drawn
 //! surface is linear over a block, or linear on both sides of a diagonal of the block, so its extremes are at the

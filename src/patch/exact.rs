@@ -1,4 +1,4 @@
-//! Vertical error of the cells inside a leaf tile, exact: every sample against the drawn planes (`metrics.md` method "exact").
+//! Vertical error of the cells inside a leaf tile, exact: every sample against the drawn planes.
 //!
 //! Drawn triangles are unions of fine ones (the alternating diagonals nest), so the difference of the surfaces is linear
 //! on each fine triangle and largest at a vertex of the part that is shown. Without voids these are the samples;
