@@ -195,7 +195,7 @@ fn samples(values: &[Option<f64>], kind: SampleType, void: Option<f64>) -> Sampl
     }
     macro_rules! integers {
         ($variant:ident, $type:ty) => {
-            convert!($variant, $type, f64::round, |v: $type| v.checked_add(1).unwrap_or(v - 1))
+            convert!($variant, $type, f64::round, |v: $type| v.checked_add(1).unwrap_or_else(|| v - 1))
         };
     }
     match kind {
