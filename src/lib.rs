@@ -50,6 +50,7 @@ pub mod limits;
 pub mod patch;
 pub mod pipeline;
 pub mod sample;
+pub mod simd;
 pub mod source;
 pub mod surface;
 pub mod tile;

@@ -7,12 +7,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Layer of each top module of the library; see ARCHITECTURE.md.
-const LAYERS: [(&str, u8); 18] = [
+const LAYERS: [(&str, u8); 19] = [
     ("error", 0),
     ("error_code", 0),
     ("limits", 0),
     ("geo", 0),
     ("sample", 0),
+    ("simd", 0),
     ("source", 1),
     ("tile", 2),
     ("codec", 2),

@@ -5,6 +5,7 @@
 //! grows with the width of the raster. The order of all that is written is fixed: any number of threads gives the same bytes.
 
 pub mod plan;
+mod quarter;
 mod sweep;
 mod tally;
 mod work;

@@ -9,7 +9,8 @@ use crate::error_code::code_from_metres;
 use crate::patch::blocks::Blocks;
 use crate::patch::{Errors, TileGeometry, inherit};
 use crate::pipeline::plan::Plan;
-use crate::sample::{Coding, FILLED, Lattice, VALID};
+use crate::pipeline::quarter::{Quarter, Range};
+use crate::sample::{FILLED, Lattice, VALID};
 use crate::tile::{TileId, downsample};
 
 /// A tile before its own turn: its lattice, and what its children left for it.
@@ -25,14 +26,6 @@ struct Below {
     errors: [Option<Errors>; 4],
     range: Range,
     children: u8,
-}
-
-/// What a finished tile leaves for its parent.
-pub struct Quarter {
-    lattice: Lattice,
-    blocks: Blocks,
-    errors: Errors,
-    range: Range,
 }
 
 /// A finished tile.
@@ -57,55 +50,6 @@ pub struct Census {
     pub valid: u64,
     /// Lowest and highest in metres.
     pub range_m: Option<(f64, f64)>,
-}
-
-/// Lowest and highest value; empty if `low > high`.
-#[derive(Clone, Copy, Debug)]
-struct Range {
-    low: f64,
-    high: f64,
-}
-
-impl Range {
-    const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
-
-    fn join(self, other: Self) -> Self {
-        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
-    }
-
-    /// Range of the samples whose state is at least `state`.
-    fn of(lattice: &Lattice, coding: Coding, least: u8) -> Self {
-        if coding.has_low() {
-            let known = (0..lattice.state.len()).filter(|&i| lattice.state[i] >= least);
-            return known
-                .map(|i| lattice.value(i, coding))
-                .fold(Self::EMPTY, |range, v| Self { low: range.low.min(v), high: range.high.max(v) });
-        }
-        let codes = || lattice.code.iter().zip(&lattice.state);
-        let low = codes()
-            .fold(i32::MAX, |low, (&code, &state)| low.min(if state >= least { code } else { i32::MAX }));
-        let high = codes()
-            .fold(i32::MIN, |high, (&code, &state)| high.max(if state >= least { code } else { i32::MIN }));
-        if low > high {
-            return Self::EMPTY;
-        }
-        let (a, b) = (coding.value(low, 0), coding.value(high, 0));
-        Self { low: a.min(b), high: a.max(b) }
-    }
-
-    /// In metres.
-    fn metres(self, plan: &Plan) -> (f64, f64) {
-        let (a, b) = (plan.metres_of(self.low), plan.metres_of(self.high));
-        (a.min(b), a.max(b))
-    }
-
-    /// In metres as f32, rounded outward.
-    fn outward(self, plan: &Plan) -> (f32, f32) {
-        let (low, high) = self.metres(plan);
-        let down = if f64::from(low as f32) > low { (low as f32).next_down() } else { low as f32 };
-        let up = if f64::from(high as f32) < high { (high as f32).next_up() } else { high as f32 };
-        (down, up)
-    }
 }
 
 impl Work {

@@ -13,7 +13,7 @@ use gdal::raster::{GdalType, RasterBand};
 use gdal::spatial_ref::SpatialRef;
 use gdal::{Dataset, Metadata};
 
-use super::{Samples, Source, SourceInfo, Window, check_rows, epsg, metadata, wkt};
+use super::{FileStamp, Fingerprint, Samples, Source, SourceInfo, Window, check_window, epsg, metadata, wkt};
 use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind, Ellipsoid, Geo};
 use crate::limits::Limits;
@@ -40,26 +40,26 @@ impl GdalSource {
         Ok(Self { path: path.to_owned(), info, dataset: Mutex::new(dataset), has_mask })
     }
 
-    fn window(&self, rows: &Range<u32>) -> Result<Window, GdalError> {
+    fn window(&self, columns: &Range<u32>, rows: &Range<u32>) -> Result<Window, GdalError> {
         let dataset = self.dataset.lock().unwrap_or_else(PoisonError::into_inner);
         let band = dataset.rasterband(1)?;
         let samples = match self.info.sample_type {
             // GDAL before 3.7 has no int8 and calls it a kind of byte; later ones convert to int16 exactly.
             SampleType::Int8 if band.band_type().name() == "Byte" => {
-                Samples::Int8(read::<u8>(&band, rows)?.into_iter().map(u8::cast_signed).collect())
+                Samples::Int8(read::<u8>(&band, columns, rows)?.into_iter().map(u8::cast_signed).collect())
             }
             SampleType::Int8 => {
-                Samples::Int8(read::<i16>(&band, rows)?.into_iter().map(|s| s as i8).collect())
+                Samples::Int8(read::<i16>(&band, columns, rows)?.into_iter().map(|s| s as i8).collect())
             }
-            SampleType::Uint8 => Samples::Uint8(read(&band, rows)?),
-            SampleType::Int16 => Samples::Int16(read(&band, rows)?),
-            SampleType::Uint16 => Samples::Uint16(read(&band, rows)?),
-            SampleType::Int32 => Samples::Int32(read(&band, rows)?),
-            SampleType::Uint32 => Samples::Uint32(read(&band, rows)?),
-            SampleType::Float32 => Samples::Float32(read(&band, rows)?),
-            SampleType::Float64 => Samples::Float64(read(&band, rows)?),
+            SampleType::Uint8 => Samples::Uint8(read(&band, columns, rows)?),
+            SampleType::Int16 => Samples::Int16(read(&band, columns, rows)?),
+            SampleType::Uint16 => Samples::Uint16(read(&band, columns, rows)?),
+            SampleType::Int32 => Samples::Int32(read(&band, columns, rows)?),
+            SampleType::Uint32 => Samples::Uint32(read(&band, columns, rows)?),
+            SampleType::Float32 => Samples::Float32(read(&band, columns, rows)?),
+            SampleType::Float64 => Samples::Float64(read(&band, columns, rows)?),
         };
-        let mask = self.has_mask.then(|| read(&band.open_mask_band()?, rows)).transpose()?;
+        let mask = self.has_mask.then(|| read(&band.open_mask_band()?, columns, rows)).transpose()?;
         Ok(Window { samples, mask })
     }
 }
@@ -69,21 +69,30 @@ impl Source for GdalSource {
         &self.info
     }
 
-    fn read_rows(&self, rows: Range<u32>) -> Result<Window> {
-        check_rows(&self.info, &rows)?;
-        self.window(&rows).map_err(|error| {
+    fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window> {
+        check_window(&self.info, &columns, &rows)?;
+        self.window(&columns, &rows).map_err(|error| {
             let place = format!("rows {} to {}", rows.start, rows.end);
             Error::format(place, "samples", format!("GDAL's error: {error}")).at(&self.path)
         })
     }
+
+    fn fingerprint(&self) -> Result<Fingerprint> {
+        Ok(Fingerprint { files: vec![FileStamp::of(&self.path)?] })
+    }
 }
 
-fn read<T: GdalType + Copy>(band: &RasterBand<'_>, rows: &Range<u32>) -> Result<Vec<T>, GdalError> {
-    let size = (band.x_size(), rows.len());
-    if rows.is_empty() {
+fn read<T: GdalType + Copy>(
+    band: &RasterBand<'_>,
+    columns: &Range<u32>,
+    rows: &Range<u32>,
+) -> Result<Vec<T>, GdalError> {
+    let size = (columns.len(), rows.len());
+    if rows.is_empty() || columns.is_empty() {
         return Ok(Vec::new());
     }
-    Ok(band.read_as::<T>((0, rows.start as isize), size, size, None)?.into_shape_and_vec().1)
+    let start = (columns.start as isize, rows.start as isize);
+    Ok(band.read_as::<T>(start, size, size, None)?.into_shape_and_vec().1)
 }
 
 /// Everything known at once, and whether the mask is to be read.

@@ -13,6 +13,9 @@ mod wkt;
 
 use std::ops::Range;
 use std::path::Path;
+use std::time::UNIX_EPOCH;
+
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::geo::Geo;
@@ -116,7 +119,32 @@ impl Samples {
     }
 }
 
+/// Columns of rows that are `width` wide.
+fn crop<T: Copy>(samples: &[T], width: usize, columns: &Range<usize>) -> Vec<T> {
+    samples.chunks_exact(width.max(1)).flat_map(|row| &row[columns.clone()]).copied().collect()
+}
+
 impl Window {
+    /// Some columns of a window that is `width` wide.
+    #[must_use]
+    pub fn cropped(self, width: u32, columns: &Range<u32>) -> Self {
+        if *columns == (0..width) {
+            return self;
+        }
+        let (width, columns) = (width as usize, columns.start as usize..columns.end as usize);
+        let samples = match &self.samples {
+            Samples::Int8(v) => Samples::Int8(crop(v, width, &columns)),
+            Samples::Uint8(v) => Samples::Uint8(crop(v, width, &columns)),
+            Samples::Int16(v) => Samples::Int16(crop(v, width, &columns)),
+            Samples::Uint16(v) => Samples::Uint16(crop(v, width, &columns)),
+            Samples::Int32(v) => Samples::Int32(crop(v, width, &columns)),
+            Samples::Uint32(v) => Samples::Uint32(crop(v, width, &columns)),
+            Samples::Float32(v) => Samples::Float32(crop(v, width, &columns)),
+            Samples::Float64(v) => Samples::Float64(crop(v, width, &columns)),
+        };
+        Self { samples, mask: self.mask.map(|mask| crop(&mask, width, &columns)) }
+    }
+
     /// True if the sample at an index is void: masked out, equal to `nodata`, NaN or infinite.
     pub fn is_void(&self, index: usize, nodata: Option<f64>) -> bool {
         let value = self.samples.value(index);
@@ -125,10 +153,13 @@ impl Window {
     }
 }
 
-/// Refuses rows that are not in the raster.
-fn check_rows(info: &SourceInfo, rows: &Range<u32>) -> Result<()> {
+/// Refuses a window that does not lie in the raster.
+fn check_window(info: &SourceInfo, columns: &Range<u32>, rows: &Range<u32>) -> Result<()> {
     if rows.start > rows.end || rows.end > info.height {
         return Err(Error::usage(format!("rows {rows:?} of a raster of {} rows", info.height)));
+    }
+    if columns.start > columns.end || columns.end > info.width {
+        return Err(Error::usage(format!("columns {columns:?} of a raster of {} columns", info.width)));
     }
     Ok(())
 }
@@ -150,5 +181,44 @@ pub trait Source: Send + Sync {
     /// Samples of `rows.len()` whole rows, `info().width` each. Rows must lie inside the raster.
     ///
     /// Reading bands from north to south decodes no block of the file twice.
-    fn read_rows(&self, rows: Range<u32>) -> Result<Window>;
+    fn read_rows(&self, rows: Range<u32>) -> Result<Window> {
+        self.read_window(0..self.info().width, rows)
+    }
+
+    /// Samples of a window, row by row, `columns.len()` each. It must lie inside the raster.
+    fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window>;
+
+    /// The files as they are on disk now: differs from what it was as soon as one of them has been written to, replaced or removed.
+    fn fingerprint(&self) -> Result<Fingerprint>;
+}
+
+/// What tells one state of a source from another.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Fingerprint {
+    /// Every file that samples come from.
+    pub files: Vec<FileStamp>,
+}
+
+/// State of one file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FileStamp {
+    /// Name of the file, without its folder.
+    pub name: String,
+    /// Its length.
+    pub bytes: u64,
+    /// Time of its last change, nanoseconds since 1970; 0 where the system has none.
+    pub modified_ns: u64,
+}
+
+impl FileStamp {
+    /// The stamp of a file.
+    pub fn of(path: &Path) -> Result<Self> {
+        let metadata = std::fs::metadata(path).map_err(|source| Error::io(path, "look at it", source))?;
+        let modified = metadata.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+        Ok(Self {
+            name: path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
+            bytes: metadata.len(),
+            modified_ns: modified.map_or(0, |age| age.as_nanos() as u64),
+        })
+    }
 }

@@ -23,7 +23,7 @@ use self::blocks::Band;
 use self::directory::{GDAL_METADATA, Reader};
 use self::layout::{Layout, Stored};
 use self::mmap::Map;
-use super::{Samples, Source, SourceInfo, Window, metadata};
+use super::{FileStamp, Fingerprint, Samples, Source, SourceInfo, Window, metadata};
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
@@ -88,14 +88,18 @@ impl Source for TiffSource {
         &self.info
     }
 
-    fn read_rows(&self, rows: Range<u32>) -> Result<Window> {
-        super::check_rows(&self.info, &rows)?;
+    fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window> {
+        super::check_window(&self.info, &columns, &rows)?;
         let read = || {
             let samples = self.samples(rows.clone())?;
             let mask = self.mask.as_ref().map(|mask| mask.rows(rows.clone(), 0_u8)).transpose()?;
-            Ok(Window { samples, mask })
+            Ok(Window { samples, mask }.cropped(self.info.width, &columns))
         };
         read().map_err(|error: Error| error.at(&self.path))
+    }
+
+    fn fingerprint(&self) -> Result<Fingerprint> {
+        Ok(Fingerprint { files: vec![FileStamp::of(&self.path)?] })
     }
 }
 
