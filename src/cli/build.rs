@@ -3,10 +3,12 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use relevo::Error;
 use relevo::container::layout::Metric;
 use relevo::limits::Limits;
+use relevo::pipeline::reach::Extent;
 use relevo::pipeline::{self, BuildOptions, Plan, Report};
 use relevo::source::{self, SourceInfo};
 use serde_json::json;
@@ -42,9 +44,18 @@ pub struct Args {
     /// Threads [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
-    /// Replace OUT.rlv if it is there
+    /// Replace OUT.rlv if it is there, and an unfinished build of it
     #[arg(long, short)]
     force: bool,
+    /// Go on with an unfinished build of OUT.rlv; begin one if there is none
+    #[arg(long)]
+    resume: bool,
+    /// Seconds between two checkpoints, from which --resume goes on
+    #[arg(long, default_value_t = pipeline::CHECKPOINT.as_secs_f64(), value_name = "SECONDS", value_parser = interval)]
+    checkpoint: f64,
+    /// Build these tiles of the leaf level only, from column X0 and row Y0 up to X1 and Y1: OUT is then a piece for `relevo merge`
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = window, conflicts_with_all = ["dry_run", "verify", "json"])]
+    window: Option<Extent>,
     /// Say what would be made, and what it takes, without reading a sample
     #[arg(long)]
     dry_run: bool,
@@ -70,6 +81,8 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         nodata: args.nodata,
         jobs: args.jobs.map(usize::from),
         force: args.force,
+        resume: args.resume,
+        checkpoint: Some(Duration::from_secs_f64(args.checkpoint)),
         source_name: args.dem.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
     };
     let source = source::open(&args.dem, &Limits::default())?;
@@ -78,14 +91,22 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return dry_run(args, source.info(), &plan, &output, out);
     }
     let show = Show::new(args.progress);
+    if let Some(window) = &args.window {
+        let done = pipeline::build_window(&*source, &output, window, &options, &show);
+        show.finish();
+        done.map_err(|error| failure(error, &args.dem, &output))?;
+        writeln!(out, "{}: tiles {window}, to be joined by `relevo merge`", output.display())?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let report = pipeline::build(&*source, &output, &options, &show);
     show.finish();
-    let report = report.map_err(|error| in_source(error, &args.dem))?;
+    let report = report.map_err(|error| failure(error, &args.dem, &output))?;
     if args.json {
         serde_json::to_writer_pretty(&mut *out, &json(&report, &output)).map_err(std::io::Error::from)?;
         writeln!(out)?;
     } else {
-        print(&report, source.info(), &args.dem, &output, out)?;
+        writeln!(out, "{}", source_line(&args.dem, source.info()))?;
+        print(&report, &output, out)?;
     }
     if args.verify {
         writeln!(out)?;
@@ -108,9 +129,33 @@ fn output(args: &Args) -> Result<PathBuf, Error> {
     Ok(output)
 }
 
-/// Errors without a path came from the raster.
-fn in_source(error: Error, dem: &Path) -> Failure {
-    Failure::Relevo(error.at(dem))
+/// Errors without a path came from the raster. Where a state was left, the message says so.
+fn failure(error: Error, dem: &Path, output: &Path) -> Failure {
+    let error = error.at(dem);
+    let mut folder = output.as_os_str().to_owned();
+    folder.push(".work");
+    let folder = PathBuf::from(folder);
+    if !matches!(error, Error::Usage { .. }) && folder.join("state").is_file() {
+        return Failure::Resumable(error, folder);
+    }
+    Failure::Relevo(error)
+}
+
+/// `--window X0,Y0,X1,Y1`.
+fn window(text: &str) -> Result<Extent, String> {
+    let numbers: Option<Vec<u32>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok(Extent { columns: x0..x1, rows: y0..y1 }),
+        _ => Err("expected four whole numbers X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1".to_owned()),
+    }
+}
+
+/// `--checkpoint SECONDS`.
+fn interval(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if (0.0..=1e6).contains(&seconds) => Ok(seconds),
+        _ => Err("expected seconds, 0 to 1000000".to_owned()),
+    }
 }
 
 fn dry_run(args: &Args, info: &SourceInfo, plan: &Plan, output: &Path, out: &mut dyn Write) -> Outcome {
@@ -161,17 +206,11 @@ fn source_line(dem: &Path, info: &SourceInfo) -> String {
     format!("{}: {} x {} {kind}, {place}; {}", dem.display(), info.width, info.height, info.description)
 }
 
-fn print(
-    report: &Report,
-    info: &SourceInfo,
-    dem: &Path,
-    output: &Path,
-    out: &mut dyn Write,
-) -> std::io::Result<()> {
+/// Says what was made.
+pub fn print(report: &Report, output: &Path, out: &mut dyn Write) -> std::io::Result<()> {
     let header = &report.header;
     let samples = f64::from(header.width) * f64::from(header.height);
     let length = report.file.file_bytes;
-    writeln!(out, "{}", source_line(dem, info))?;
     writeln!(
         out,
         "{}: {}, {} bits a sample, {} of the raw samples",
@@ -200,7 +239,8 @@ fn percent(share: f64) -> String {
     format!("{} %", short(100.0 * share))
 }
 
-fn json(report: &Report, output: &Path) -> serde_json::Value {
+/// The same for machines.
+pub fn json(report: &Report, output: &Path) -> serde_json::Value {
     let header = &report.header;
     json!({
         "output": output, "bytes": report.file.file_bytes, "columns": header.width, "rows": header.height,

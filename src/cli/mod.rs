@@ -5,12 +5,14 @@
 mod build;
 mod export;
 mod info;
+mod merge;
 mod progress;
 mod stats;
 mod table;
 mod verify;
 
 use std::io::{self, Write};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -32,6 +34,8 @@ struct Cli {
 enum Command {
     /// Make a .rlv file from a DEM
     Build(build::Args),
+    /// Join pieces made by `build --window` into one file
+    Merge(merge::Args),
     /// What a file is: coordinate system, levels, sections, sizes
     Info(info::Args),
     /// How wrong a file is, by level and tessellation step
@@ -46,6 +50,8 @@ enum Command {
 pub enum Failure {
     /// The library said so.
     Relevo(Error),
+    /// So it did, but a build can go on from what is in this folder.
+    Resumable(Error, PathBuf),
     /// Standard output did.
     Stdout(io::Error),
 }
@@ -88,6 +94,7 @@ pub fn main() -> ExitCode {
     let mut out = io::BufWriter::new(io::stdout().lock());
     let outcome = match &cli.command {
         Command::Build(args) => build::run(args, &mut out),
+        Command::Merge(args) => merge::run(args, &mut out),
         Command::Info(args) => info::run(args, &mut out),
         Command::Stats(args) => stats::run(args, &mut out),
         Command::Verify(args) => verify::run(args, &mut out),
@@ -99,6 +106,9 @@ pub fn main() -> ExitCode {
         Err(Failure::Stdout(error)) if error.kind() == io::ErrorKind::BrokenPipe => return ExitCode::SUCCESS,
         Err(Failure::Stdout(error)) => format!("standard output: {error}"),
         Err(Failure::Relevo(error)) => error.to_string(),
+        Err(Failure::Resumable(error, folder)) => {
+            format!("{error}; what is done is kept in {}: --resume goes on from there", folder.display())
+        }
     };
     let _ = writeln!(io::stderr(), "relevo: {message}");
     ExitCode::from(2)

@@ -13,8 +13,9 @@ pub mod layout;
 pub mod metadata;
 pub mod opening;
 pub mod reader;
+mod records;
 pub mod sections;
-mod work;
+pub mod work;
 pub mod writer;
 
 pub use directory::{ChunkKind, TileEntry};

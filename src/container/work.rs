@@ -1,43 +1,94 @@
 //! The work folder of a build, `<output>.work` beside the output: locked while a build runs, gone when it ends.
 //!
-//! Everything that a build writes lies in it until one rename gives the finished file its name. A folder whose build
-//! died is cleaned and used again; one that is no work folder is left alone.
+//! Everything that a build writes lies in it until one rename gives the finished file its name. A build that has written its
+//! state there leaves the folder to be resumed if it does not end well; without a state the folder is cleaned and used again. A
+//! folder that is no work folder is left alone.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, ErrorKind};
+use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
 const LOCK: &str = "relevo.lock";
+/// What a build needs to be resumed; a folder without it holds nothing of worth.
+const STATE: &str = "state";
 /// A build that ends may take its folder away between our steps; then they are taken again.
 const ATTEMPTS: usize = 10;
 
-/// A locked work folder; dropping it removes it with all that is in it.
-pub(super) struct WorkFolder {
+/// What to do with the work of an earlier build of the same output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Earlier {
+    /// Refuse to begin: it may be worth something.
+    Refuse,
+    /// Throw it away.
+    Discard,
+    /// Go on from it, if there is any.
+    Resume,
+}
+
+/// A locked work folder. Dropping it removes it with all that is in it, unless a state has been written.
+pub struct WorkFolder {
     output: PathBuf,
     folder: PathBuf,
     force: bool,
     lock: Option<File>,
+    keep: bool,
 }
 
 impl WorkFolder {
     /// Makes or takes over the folder. Fails if the output exists (unless `force`) or another build holds the folder.
-    pub fn create(output: &Path, force: bool) -> Result<Self> {
+    pub fn take(output: &Path, force: bool, earlier: Earlier) -> Result<Self> {
         let output = resolve(output, force)?;
         let mut name = OsString::from(&output);
         name.push(".work");
         let folder = PathBuf::from(name);
         for _ in 0..ATTEMPTS {
             if let Some(lock) = take(&folder, &output)? {
-                let work = Self { output, folder, force, lock: Some(lock) };
-                work.clean()
-                    .map_err(|source| Error::io(&work.folder, "clean what an earlier build left", source))?;
+                // Kept until it is known that nothing in it is of worth.
+                let mut work = Self { output, folder, force, lock: Some(lock), keep: true };
+                let resumable = work.path(STATE).is_file();
+                if resumable && earlier == Earlier::Refuse {
+                    return Err(unfinished(&work));
+                }
+                work.keep = resumable && earlier == Earlier::Resume;
+                if !work.keep {
+                    work.clean().map_err(|source| {
+                        Error::io(&work.folder, "clean what an earlier build left", source)
+                    })?;
+                }
                 return Ok(work);
             }
         }
         Err(busy(&output, &folder))
+    }
+
+    /// True if an earlier build left a state to go on from.
+    pub fn has_state(&self) -> bool {
+        self.path(STATE).is_file()
+    }
+
+    /// Puts a state in the place of the one before, whole and synced. From now on the folder outlives a failed build.
+    pub fn write_state(&mut self, state: &[u8]) -> Result<()> {
+        write_state(&self.folder, state)?;
+        self.keep = true;
+        Ok(())
+    }
+
+    /// Keeps the folder if the build fails: somebody else writes its state.
+    pub fn keep(&mut self) {
+        self.keep = true;
+    }
+
+    /// Nothing in the folder is of worth: it goes with the build.
+    pub fn discard(&mut self) {
+        self.keep = false;
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
     }
 
     /// The output.
@@ -50,8 +101,32 @@ impl WorkFolder {
         self.folder.join(name)
     }
 
-    /// Gives a finished file of the folder the output's name. Without `force` a file that has come to be there stays.
-    pub fn publish(&self, file: &Path) -> Result<()> {
+    /// Gives a finished file of the folder the output's name; the folder is of no more use then. Without `force` a file that has
+    /// come to be there stays.
+    pub fn publish(&mut self, file: &Path) -> Result<()> {
+        self.give_name(file)?;
+        self.keep = false;
+        Ok(())
+    }
+
+    /// Gives the folder itself the output's name: a piece.
+    pub fn publish_folder(mut self) -> Result<()> {
+        let output = self.output.clone();
+        if self.force && is_piece(&output) {
+            fs::remove_dir_all(&output).map_err(|source| Error::io(&output, "replace it", source))?;
+        }
+        if fs::symlink_metadata(&output).is_ok() {
+            return Err(exists(&output));
+        }
+        let failed = |source| Error::io(&output, "give the finished piece its name", source);
+        // An open file cannot be moved on Windows; nobody else begins a build of an output that is about to be.
+        let _ = fs::remove_file(self.folder.join(LOCK));
+        self.lock = None;
+        fs::rename(&self.folder, &output).map_err(failed)?;
+        sync_folder(parent(&output)).map_err(|source| Error::io(&output, "sync its folder", source))
+    }
+
+    fn give_name(&self, file: &Path) -> Result<()> {
         if self.force {
             fs::rename(file, &self.output)
                 .map_err(|source| self.failed("give the finished file its name", source))?;
@@ -77,11 +152,16 @@ impl WorkFolder {
 
     /// An error of the system while the output was being made.
     pub fn failed(&self, action: &str, source: io::Error) -> Error {
-        Error::io(&self.output, format!("{action} (nothing was left behind)"), source)
+        let left = if self.keep { "no output was written" } else { "nothing was left behind" };
+        Error::io(&self.output, format!("{action} ({left})"), source)
     }
 
-    /// Removes everything but the lock.
+    /// Removes everything but the lock; the state first, since it counts on the rest.
     fn clean(&self) -> io::Result<()> {
+        match fs::remove_file(self.path(STATE)) {
+            Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
         for entry in fs::read_dir(&self.folder)? {
             let entry = entry?;
             if entry.file_name() == LOCK {
@@ -99,6 +179,9 @@ impl WorkFolder {
 
 impl Drop for WorkFolder {
     fn drop(&mut self) {
+        if self.keep {
+            return;
+        }
         // What cannot be removed stays; the next build of this output cleans it.
         let _ = self.clean();
         if cfg!(windows) {
@@ -123,6 +206,13 @@ fn resolve(output: &Path, force: bool) -> Result<PathBuf> {
         return Err(Error::io(folder, "write a file in this folder", ErrorKind::NotADirectory.into()));
     }
     match fs::metadata(output) {
+        Ok(_) if is_piece(output) => {
+            if force {
+                Ok(output.to_owned())
+            } else {
+                Err(exists(output))
+            }
+        }
         Ok(found) if !found.is_file() => Err(Error::usage(format!(
             "{} exists and is no regular file; name another output",
             output.display()
@@ -136,6 +226,33 @@ fn resolve(output: &Path, force: bool) -> Result<PathBuf> {
 
 fn exists(output: &Path) -> Error {
     Error::usage(format!("{} exists; use --force to replace it", output.display()))
+}
+
+/// True for a folder that a finished window was given as its output.
+fn is_piece(path: &Path) -> bool {
+    path.join(STATE).is_file()
+}
+
+/// Writes the state of a folder: under another name first, so that there is a whole one at any time.
+pub fn write_state(folder: &Path, state: &[u8]) -> Result<()> {
+    let (new, path) = (folder.join("state.new"), folder.join(STATE));
+    let write = || -> io::Result<()> {
+        let mut file = File::create(&new)?;
+        file.write_all(state)?;
+        file.sync_all()?;
+        drop(file);
+        fs::rename(&new, &path)?;
+        sync_folder(folder)
+    };
+    write().map_err(|source| Error::io(&path, "write the state of the build", source))
+}
+
+fn unfinished(work: &WorkFolder) -> Error {
+    Error::usage(format!(
+        "{} holds an unfinished build of {}: --resume goes on with it, --force begins anew",
+        work.folder.display(),
+        work.output.display()
+    ))
 }
 
 fn busy(output: &Path, folder: &Path) -> Error {

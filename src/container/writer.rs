@@ -1,8 +1,9 @@
 //! Writes a container: chunks go to one file per level as they come, and at the end into their places.
 //!
 //! Memory is one row per tile, whatever the area. The output appears by one rename when it is whole and synced; until
-//! then all lies in a work folder beside it, which goes when the writer goes. The same tiles give the same bytes in
-//! whatever order they came. The writer knows no samples: what a chunk means is the codec's affair.
+//! then all lies in a work folder beside it, which goes when the writer goes, unless a state was written from which the build can be
+//! resumed. The same tiles give the same bytes in whatever order they came. The writer knows no samples: what a chunk means
+//! is the codec's affair.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Write};
@@ -14,14 +15,23 @@ use super::file::read_exact_at;
 use super::layout::Header;
 use super::metadata::{Metadata, Statistics};
 use super::opening::{OPENING_BYTES, Opening};
+use super::records;
 use super::sections::{self, SectionEntry};
-use super::work::WorkFolder;
+use super::work::{Earlier, WorkFolder};
 use crate::codec::frame;
 use crate::error::{Error, Result};
 use crate::tile::TileId;
 
+mod unfinished;
+
+pub use unfinished::Mark;
+
 const BUFFER: usize = 1 << 20;
 const SECTIONS: usize = 5;
+/// Index rows of the tiles in the order in which they came.
+const RECORDS: &str = "records";
+/// Tiles copied between two questions whether to go on.
+const TILES_AT_ONCE: usize = 256;
 
 /// What the index says of a tile.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -100,10 +110,11 @@ struct LevelFile {
     end: u64,
 }
 
-/// Writes one container; dropped before [`ContainerWriter::finish`], it leaves nothing behind.
+/// Writes one container; dropped before [`ContainerWriter::finish`], it leaves nothing behind but what a state needs.
 pub struct ContainerWriter {
     // Closed before the folder is removed: fields drop in this order.
     files: Vec<Option<LevelFile>>,
+    records: BufWriter<File>,
     tree: Tree,
     levels: Vec<LevelBytes>,
     failed: bool,
@@ -113,8 +124,23 @@ pub struct ContainerWriter {
 impl ContainerWriter {
     /// Begins a file. Refuses an existing output unless `force`, and an output that another build is writing.
     pub fn create(output: &Path, force: bool) -> Result<Self> {
-        let work = WorkFolder::create(output, force)?;
-        Ok(Self { files: Vec::new(), tree: Tree::default(), levels: Vec::new(), failed: false, work })
+        let earlier = if force { Earlier::Discard } else { Earlier::Refuse };
+        Self::begin(WorkFolder::take(output, force, earlier)?)
+    }
+
+    /// Begins a file in a work folder.
+    pub fn begin(work: WorkFolder) -> Result<Self> {
+        let file = open(&work.path(RECORDS), true)
+            .map_err(|source| work.failed("begin the list of tiles", source))?;
+        let records = BufWriter::with_capacity(BUFFER, file);
+        Ok(Self {
+            files: Vec::new(),
+            records,
+            tree: Tree::default(),
+            levels: Vec::new(),
+            failed: false,
+            work,
+        })
     }
 
     /// Adds a tile. Tiles may come in any order, each once; levels may be mixed.
@@ -147,9 +173,36 @@ impl ContainerWriter {
             Ok(offset)
         };
         entry.chunks.offset = write().map_err(|source| work.failed(&format!("write tile {id}"), source))?;
+        self.record(&entry).map_err(|source| self.work.failed(&format!("list tile {id}"), source))?;
         self.tree.push(entry);
         self.count(level, place.lengths);
         Ok(())
+    }
+
+    /// Adds a tile to the list in the work folder.
+    fn record(&mut self, entry: &TileEntry) -> io::Result<()> {
+        self.failed = true;
+        self.records.write_all(&records::encode(entry))?;
+        self.failed = false;
+        Ok(())
+    }
+
+    /// Adds a tile whose chunks are in the files.
+    fn push(&mut self, entry: TileEntry) -> Result<()> {
+        self.tree.check_new(entry.id)?;
+        self.tree.push(entry);
+        self.count(usize::from(entry.id.level), entry.chunks.lengths);
+        Ok(())
+    }
+
+    /// The work folder.
+    pub fn work(&self) -> &WorkFolder {
+        &self.work
+    }
+
+    /// The work folder, to keep a state in.
+    pub fn work_mut(&mut self) -> &mut WorkFolder {
+        &mut self.work
     }
 
     fn count(&mut self, level: usize, lengths: [u32; 3]) {
@@ -181,13 +234,24 @@ impl ContainerWriter {
 
     /// Puts the file together, syncs it and gives it its name. `header.tile_count` is set to what came.
     pub fn finish(
-        mut self,
+        self,
         header: &Header,
         metadata: &Metadata,
         statistics: &Statistics,
     ) -> Result<FileSummary> {
+        self.finish_while(header, metadata, statistics, &mut |_, _| true)
+    }
+
+    /// [`ContainerWriter::finish`], but stops with [`Error::Interrupted`] when `go_on`, told the tiles copied and their total, says no.
+    pub fn finish_while(
+        mut self,
+        header: &Header,
+        metadata: &Metadata,
+        statistics: &Statistics,
+        go_on: &mut dyn FnMut(u64, u64) -> bool,
+    ) -> Result<FileSummary> {
         if self.failed {
-            return Err(Error::usage("a tile could not be written; the file cannot be finished"));
+            return Err(spent());
         }
         let header = Header { tile_count: self.tree.len(), ..header.clone() };
         self.tree.check(&header)?;
@@ -206,8 +270,13 @@ impl ContainerWriter {
         ];
         let opening = opening(header, small, tiles_bytes, index.pages.len() as u64)?;
         let path = self.work.path("assembled");
-        let result = self.assemble(&path, &opening, small.map(|(_, bytes)| bytes), &sources, &index.pages);
-        result.map_err(|source| self.work.failed("write the file", source))?;
+        let parts = (small.map(|(_, bytes)| bytes), index.pages.as_slice());
+        if !self
+            .assemble(&path, &opening, parts, &sources, go_on)
+            .map_err(|source| self.work.failed("write the file", source))?
+        {
+            return Err(Error::Interrupted);
+        }
         self.work.publish(&path)?;
         Ok(FileSummary {
             path: self.work.output().to_owned(),
@@ -220,27 +289,33 @@ impl ContainerWriter {
         })
     }
 
-    /// Writes and syncs the file under its working name.
+    /// Writes and syncs the file under its working name. False if told to stop. What it is made of stays: a build that fails here
+    /// can be resumed.
     fn assemble(
         &mut self,
         path: &Path,
         opening: &Opening,
-        small: [&[u8]; 3],
+        (small, pages): ([&[u8]; 3], &[u8]),
         sources: &[Vec<u64>],
-        pages: &[u8],
-    ) -> io::Result<()> {
+        go_on: &mut dyn FnMut(u64, u64) -> bool,
+    ) -> io::Result<bool> {
         let mut out = BufWriter::with_capacity(BUFFER, File::create(path)?);
         out.write_all(&opening.encode())?;
         for bytes in small {
             out.write_all(bytes)?;
         }
+        let (mut done, total) = (0, self.tree.len());
         for (level, sources) in sources.iter().enumerate() {
-            let Some(file) = self.files.get_mut(level).and_then(Option::take) else { continue };
-            let file = file.file.into_inner().map_err(io::IntoInnerError::into_error)?;
-            copy_level(&file, self.tree.level(level as u8), sources, &mut out)?;
-            // Its bytes are in the file now: the disk holds at most one level twice.
-            drop(file);
-            std::fs::remove_file(self.work.path(&level_name(level)))?;
+            let Some(file) = self.files.get_mut(level).and_then(Option::as_mut) else { continue };
+            file.file.flush()?;
+            let entries = self.tree.level(level as u8);
+            for (entries, sources) in entries.chunks(TILES_AT_ONCE).zip(sources.chunks(TILES_AT_ONCE)) {
+                copy_tiles(file.file.get_ref(), entries, sources, &mut out)?;
+                done += entries.len() as u64;
+                if !go_on(done, total) {
+                    return Ok(false);
+                }
+            }
         }
         out.write_all(pages)?;
         let file = out.into_inner().map_err(io::IntoInnerError::into_error)?;
@@ -249,8 +324,18 @@ impl ContainerWriter {
             let what = format!("{length} bytes arrived of {}", opening.file_length);
             return Err(io::Error::other(what));
         }
-        file.sync_all()
+        file.sync_all()?;
+        Ok(true)
     }
+}
+
+fn spent() -> Error {
+    Error::usage("a tile could not be written; the file cannot be finished")
+}
+
+/// Opens a file of the work folder to be written and read back; `new`: empty.
+fn open(path: &Path, new: bool) -> io::Result<File> {
+    OpenOptions::new().create(new).truncate(new).read(true).write(true).open(path)
 }
 
 fn entry_of(record: &TileRecord, chunks: ChunkPlace) -> TileEntry {
@@ -284,8 +369,7 @@ fn level_file<'a>(
     if let Some(file) = slot {
         return Ok(file);
     }
-    let path = work.path(&level_name(level));
-    let file = OpenOptions::new().create(true).truncate(true).read(true).write(true).open(path)?;
+    let file = open(&work.path(&level_name(level)), true)?;
     Ok(slot.insert(LevelFile { file: BufWriter::with_capacity(BUFFER, file), end: 0 }))
 }
 
@@ -327,8 +411,8 @@ fn opening(header: Header, small: [(u32, &[u8]); 3], tiles: u64, pages: u64) -> 
     Ok(Opening { header, sections, file_length: end })
 }
 
-/// Copies the chunks of a level in storage order and makes sure that they are still what came.
-fn copy_level(file: &File, entries: &[TileEntry], sources: &[u64], out: &mut impl Write) -> io::Result<()> {
+/// Copies the chunks of some tiles and makes sure that they are still what came.
+fn copy_tiles(file: &File, entries: &[TileEntry], sources: &[u64], out: &mut impl Write) -> io::Result<()> {
     let mut buffer = Vec::new();
     for (entry, &source) in entries.iter().zip(sources) {
         buffer.resize(entry.chunks.bytes() as usize, 0);

@@ -2,31 +2,39 @@
 //!
 //! open, plan, (scan), then for every band of T + 1 rows: read, code, split into leaf tiles; and for every row of tiles, as soon as the
 //! row below it is there: fill voids, measure errors, encode, append, halve. Two finished rows make one row of the level above. Memory
-//! grows with the width of the raster. The order of all that is written is fixed: any number of threads gives the same bytes.
+//! grows with the width of the raster. The order of all that is written is fixed: any number of threads gives the same bytes, and so
+//! does any number of pieces: a build works on a window of the lattice, by default all of it, and what it cannot finish at its sides
+//! it leaves for a merge. To be resumed is to be merged with what was finished before.
 
+mod bytes;
+mod checkpoint;
+mod merge;
 pub mod plan;
 mod quarter;
+pub mod reach;
+mod run;
+mod seam;
+mod state;
 mod sweep;
 mod tally;
 mod work;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use serde::{Deserialize, Serialize};
+
 use crate::container::layout::{Header, Metric};
-use crate::container::metadata::{LevelNote, LevelStatistics, Metadata, SourceNote, Statistics};
-use crate::container::writer::{ContainerWriter, FileSummary};
+use crate::container::metadata::Statistics;
+use crate::container::writer::FileSummary;
 use crate::error::{Error, Result};
 use crate::source::Source;
-use crate::tile::code::{CodeRows, Recipe, max_magnitude};
-use crate::tile::split;
-use sweep::{Sweep, TileRow};
-use work::Work;
+use reach::Extent;
 
 pub use plan::{Plan, plan};
 
-/// What a build is asked for.
-#[derive(Clone, Debug, PartialEq)]
+/// What a build is asked for. What does not change the file is not kept with the state of a build.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BuildOptions {
     /// Intervals of a tile, a power of two in 16..=1024.
     pub tile: u32,
@@ -39,9 +47,17 @@ pub struct BuildOptions {
     /// Value that means void, instead of what the source says.
     pub nodata: Option<f64>,
     /// Threads; `None`: one for each core.
+    #[serde(skip)]
     pub jobs: Option<usize>,
-    /// Replace an existing output.
+    /// Replace an existing output, and an unfinished build of it.
+    #[serde(skip)]
     pub force: bool,
+    /// Go on with an unfinished build, if there is one.
+    #[serde(skip)]
+    pub resume: bool,
+    /// Time between two checkpoints. `None`: [`CHECKPOINT`].
+    #[serde(skip)]
+    pub checkpoint: Option<Duration>,
     /// Name of the source as recorded in the file.
     pub source_name: String,
 }
@@ -56,8 +72,29 @@ impl Default for BuildOptions {
             nodata: None,
             jobs: None,
             force: false,
+            resume: false,
+            checkpoint: None,
             source_name: String::new(),
         }
+    }
+}
+
+/// Time between two checkpoints unless told otherwise: what is lost at most when a build is killed.
+pub const CHECKPOINT: Duration = Duration::from_secs(4);
+
+impl BuildOptions {
+    /// The first thing that would make another file.
+    fn difference(&self, other: &Self) -> Option<String> {
+        let differ = |name: &str, a: &dyn std::fmt::Debug, b: &dyn std::fmt::Debug| {
+            let (a, b) = (format!("{a:?}"), format!("{b:?}"));
+            (a != b).then(|| format!("{name} was {a}, now it is {b}"))
+        };
+        differ("--tile", &self.tile, &other.tile)
+            .or_else(|| differ("--patch", &self.patch, &other.patch))
+            .or_else(|| differ("--metric", &self.metric, &other.metric))
+            .or_else(|| differ("--precision", &self.precision_m, &other.precision_m))
+            .or_else(|| differ("--nodata", &self.nodata, &other.nodata))
+            .or_else(|| differ("the recorded name of the input", &self.source_name, &other.source_name))
     }
 }
 
@@ -105,7 +142,8 @@ pub struct Report {
 
 /// Builds `output` from a source.
 ///
-/// On any error nothing of the output's name is written, and the work folder is gone.
+/// On any error nothing of the output's name is written. If the build has come as far as its first checkpoint, its work folder stays,
+/// and [`BuildOptions::resume`] goes on from there; else that is gone too.
 pub fn build(
     source: &dyn Source,
     output: &Path,
@@ -113,120 +151,50 @@ pub fn build(
     observer: &dyn Observer,
 ) -> Result<Report> {
     let start = Instant::now();
-    let threads = rayon::ThreadPoolBuilder::new()
-        .num_threads(options.jobs.unwrap_or(0))
-        .build()
-        .map_err(|e| Error::usage(format!("cannot start {:?} threads: {e}", options.jobs)))?;
-    threads.install(|| {
+    threads(options.jobs)?.install(|| {
         let mut plan = plan(source.info(), options)?;
-        let writer = ContainerWriter::create(output, options.force)?;
-        plan.recipe = recipe(source, options, observer)?;
-        let mut sweep = Sweep::new(&plan, writer);
-        read_bands(source, &plan, &mut sweep, observer)?;
-        let (writer, tally) = sweep.finish()?;
-        if writer.tile_count() == 0 {
-            return Err(all_void(source, &plan));
-        }
-        observer.rows(Stage::Write, 0, 1);
-        let header = plan.header(source.info(), writer.tile_count());
-        let statistics = tally.statistics(&header);
-        let metadata = metadata(source, &plan, &statistics, options);
-        let file = writer.finish(&header, &metadata, &statistics)?;
-        observer.rows(Stage::Write, 1, 1);
-        Ok(Report { header, statistics, file, elapsed: start.elapsed() })
+        let window = Extent::of_level(&plan, plan.levels);
+        let done = run::run(source, output, options, observer, &mut plan, window)?;
+        merge::assemble(done, &plan, source.info(), options, observer, start)
     })
 }
 
-/// The recipe of the samples; quantising needs the largest height first, which costs one more pass over the source.
-fn recipe(source: &dyn Source, options: &BuildOptions, observer: &dyn Observer) -> Result<Recipe> {
-    let mut info = source.info().clone();
-    info.nodata = options.nodata.or(info.nodata);
-    let Some(precision) = options.precision_m else { return Ok(Recipe::lossless(&info)) };
-    let mut largest = 0.0_f64;
-    let mut row = 0;
-    while row < info.height {
-        if observer.cancelled() {
-            return Err(Error::Interrupted);
+/// Builds the tiles of a window of leaf tiles, as far as they can be without the others: a piece, which is a folder, for [`merge`].
+///
+/// # Errors
+/// As [`build`], and if the window is not in the lattice.
+pub fn build_window(
+    source: &dyn Source,
+    output: &Path,
+    window: &Extent,
+    options: &BuildOptions,
+    observer: &dyn Observer,
+) -> Result<()> {
+    threads(options.jobs)?.install(|| {
+        let mut plan = plan(source.info(), options)?;
+        let all = Extent::of_level(&plan, plan.levels);
+        if window.is_empty() || !all.covers(window) {
+            return Err(Error::usage(format!("--window {window}: expected tiles of the leaf level, {all}")));
         }
-        let end = (row + options.tile).min(info.height);
-        largest = largest.max(max_magnitude(&source.read_rows(row..end)?, info.nodata));
-        row = end;
-        observer.rows(Stage::Scan, u64::from(row), u64::from(info.height));
-    }
-    Recipe::quantised(&info, precision, largest)
+        let done = run::run(source, output, options, observer, &mut plan, window.clone())?;
+        done.into_piece()
+    })
 }
 
-/// Reads the raster band by band, each `T + 1` rows, and hands the leaf tiles to the sweep.
-fn read_bands(source: &dyn Source, plan: &Plan, sweep: &mut Sweep, observer: &dyn Observer) -> Result<()> {
-    let info = source.info();
-    let tile = plan.tile as u32;
-    let mut codes = CodeRows::default();
-    for band in 0..plan.rows_of_tiles(plan.levels) {
-        if observer.cancelled() {
-            return Err(Error::Interrupted);
-        }
-        let first = band * tile;
-        let end = (u64::from(first) + u64::from(tile) + 1).min(u64::from(info.height)) as u32;
-        let window = source.read_rows(first..end)?;
-        plan.recipe.encode(&window, &mut codes);
-        drop(window);
-        let tiles = split_band(&codes, info.width as usize, band, plan);
-        sweep.push(tiles)?;
-        observer.rows(Stage::Build, u64::from(end), u64::from(info.height));
-    }
-    Ok(())
+/// Joins finished windows that cover the raster into one file: the same bytes as those of one build.
+pub fn merge(
+    pieces: &[PathBuf],
+    output: &Path,
+    jobs: Option<usize>,
+    force: bool,
+    observer: &dyn Observer,
+) -> Result<Report> {
+    threads(jobs)?.install(|| merge::merge(pieces, output, force, observer))
 }
 
-/// Leaf tiles of a band.
-fn split_band(codes: &CodeRows, width: usize, band: u32, plan: &Plan) -> TileRow {
-    use rayon::prelude::*;
-    let columns = plan.columns_of_tiles(plan.levels);
-    let tiles = (0..columns)
-        .into_par_iter()
-        .map(|x| {
-            let lattice = split::leaf(codes, width, x as usize, plan.tile, plan.recipe.coding)?;
-            Some(Work::leaf(lattice))
-        })
-        .collect();
-    TileRow { y: band, tiles }
-}
-
-fn all_void(source: &dyn Source, plan: &Plan) -> Error {
-    let info = source.info();
-    let nodata = plan.recipe.nodata.map_or_else(|| "none".to_owned(), |v| v.to_string());
-    Error::format(
-        "elevation band",
-        "at least one valid sample",
-        format!(
-            "{} x {} samples that are all void (nodata value: {nodata}); if that value is wrong, give --nodata",
-            info.width, info.height
-        ),
-    )
-}
-
-fn metadata(source: &dyn Source, plan: &Plan, statistics: &Statistics, options: &BuildOptions) -> Metadata {
-    let info = source.info();
-    Metadata {
-        tool: concat!("relevo ", env!("CARGO_PKG_VERSION")).to_owned(),
-        crs: info.geo.crs.clone(),
-        pixel_is_point: info.geo.pixel_is_point,
-        bounds: info.geo.transform.map(|_| info.geo.bounds(info.width, info.height)),
-        vertical_unit: info.vertical_unit.1.clone(),
-        sources: vec![SourceNote {
-            name: options.source_name.clone(),
-            description: info.description.clone(),
-        }],
-        options: plan.options_json(options),
-        levels: statistics.levels.iter().map(level_note).collect(),
-    }
-}
-
-fn level_note(level: &LevelStatistics) -> LevelNote {
-    let finest = level.steps.first();
-    LevelNote {
-        tiles: level.tiles,
-        bytes: level.heights_bytes + level.masks_bytes + level.errors_bytes,
-        max_vertical_m: finest.map_or(0.0, |s| s.vertical.max),
-        max_horizontal_m: finest.map_or(0.0, |s| s.horizontal.max),
-    }
+fn threads(jobs: Option<usize>) -> Result<rayon::ThreadPool> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(jobs.unwrap_or(0))
+        .build()
+        .map_err(|e| Error::usage(format!("cannot start {jobs:?} threads: {e}")))
 }

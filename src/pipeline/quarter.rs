@@ -1,9 +1,13 @@
 //! What a finished tile leaves for its parent: half its samples, blocks, errors, and the range of heights below.
+//!
+//! As bytes, for a build that goes on elsewhere or later, it is one zstd frame. Nothing is rounded: what comes back is the same.
 
+use crate::error::Result;
 use crate::patch::Errors;
 use crate::patch::blocks::Blocks;
+use crate::pipeline::bytes::{Reader, Writer, unpacked};
 use crate::pipeline::plan::Plan;
-use crate::sample::{Coding, Lattice};
+use crate::sample::{Coding, Lattice, VALID};
 
 /// A quarter of a parent.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,6 +20,149 @@ pub struct Quarter {
     pub errors: Errors,
     /// Heights of it and of all below.
     pub range: Range,
+}
+
+impl Quarter {
+    /// The quarter in a quadrant of a parent.
+    pub fn cut(lattice: &Lattice, blocks: &Blocks, quadrant: u8, errors: Errors, range: Range) -> Self {
+        let half = lattice.n / 2;
+        let (x, y) = (usize::from(quadrant & 1) * half, usize::from(quadrant >> 1) * half);
+        let samples = Square { stride: lattice.n + 1, x, y, side: half + 1 };
+        let cells = Square { stride: blocks.n, x, y, side: half };
+        let low = if lattice.low.is_empty() { Vec::new() } else { samples.of(&lattice.low) };
+        Self {
+            lattice: Lattice {
+                n: half,
+                code: samples.of(&lattice.code),
+                low,
+                state: samples.of(&lattice.state),
+            },
+            blocks: Blocks {
+                n: half,
+                min: cells.of(&blocks.min),
+                max: cells.of(&blocks.max),
+                state: cells.of(&blocks.state),
+            },
+            errors,
+            range,
+        }
+    }
+
+    /// The quarter as bytes.
+    pub fn encode(&self) -> Result<Vec<u8>> {
+        let mut out = Writer::default();
+        out.integers(&self.lattice.code);
+        out.integers(&self.lattice.low.iter().map(|low| low.cast_signed()).collect::<Vec<_>>());
+        out.bytes(&self.lattice.state);
+        out.integers(&self.blocks.min);
+        out.integers(&self.blocks.max);
+        out.bytes(&self.blocks.state);
+        let errors = &self.errors;
+        for steps in [&errors.vertical, &errors.horizontal, &errors.ahead_vertical, &errors.ahead_horizontal]
+        {
+            out.number(steps.len());
+            for step in steps {
+                out.number(step.len());
+                for error in step {
+                    out.bytes(&error.to_le_bytes());
+                }
+            }
+        }
+        out.bytes(&self.range.low.to_le_bytes());
+        out.bytes(&self.range.high.to_le_bytes());
+        out.packed()
+    }
+
+    /// The inverse of [`Quarter::encode`], for tiles of `n` intervals.
+    pub fn decode(packed: &[u8], n: usize, coding: Coding) -> Result<Self> {
+        let half = n / 2;
+        let bytes = unpacked(packed, n)?;
+        let mut from = Reader::new(&bytes);
+        let count = (half + 1) * (half + 1);
+        let code = from.integers(count)?;
+        let low = if coding.has_low() { from.integers(count)? } else { Vec::new() };
+        let low = low.into_iter().map(i32::cast_unsigned).collect();
+        let lattice = Lattice { n: half, code, low, state: from.take(count)?.to_vec() };
+        let blocks = Blocks {
+            n: half,
+            min: from.integers(half * half)?,
+            max: from.integers(half * half)?,
+            state: from.take(half * half)?.to_vec(),
+        };
+        let mut steps = || -> Result<Vec<Vec<f64>>> {
+            let count = from.number(n)?;
+            (0..count)
+                .map(|_| {
+                    let count = from.number(n * n)?;
+                    (0..count).map(|_| from.float()).collect()
+                })
+                .collect()
+        };
+        let errors = Errors {
+            vertical: steps()?,
+            horizontal: steps()?,
+            ahead_vertical: steps()?,
+            ahead_horizontal: steps()?,
+        };
+        let range = Range { low: from.float()?, high: from.float()? };
+        from.end()?;
+        Ok(Self { lattice, blocks, errors, range })
+    }
+}
+
+/// A square of a plane of samples or blocks.
+#[derive(Clone, Copy)]
+struct Square {
+    stride: usize,
+    x: usize,
+    y: usize,
+    side: usize,
+}
+
+impl Square {
+    /// Row by row.
+    fn of<T: Copy>(self, plane: &[T]) -> Vec<T> {
+        let row = |y: usize| {
+            let from = (self.y + y) * self.stride + self.x;
+            &plane[from..from + self.side]
+        };
+        (0..self.side).flat_map(|y| row(y).iter().copied()).collect()
+    }
+}
+
+/// The border samples of a tile as bytes: all that its neighbours look at, above the leaves.
+pub fn encode_rim(lattice: &Lattice) -> Result<Vec<u8>> {
+    let mut out = Writer::default();
+    for index in rim(lattice.n) {
+        out.bytes(&lattice.code[index].to_le_bytes());
+        out.bytes(&lattice.low_at(index).to_le_bytes());
+        out.bytes(&[lattice.state[index]]);
+    }
+    out.packed()
+}
+
+/// The inverse of [`encode_rim`]: a lattice that is void within.
+pub fn decode_rim(packed: &[u8], n: usize, coding: Coding) -> Result<Lattice> {
+    let bytes = unpacked(packed, n)?;
+    let mut from = Reader::new(&bytes);
+    let mut lattice = Lattice::new(n, coding);
+    for index in rim(n) {
+        lattice.code[index] = from.word()? as i32;
+        let low = from.word()?;
+        if let Some(to) = lattice.low.get_mut(index) {
+            *to = low;
+        }
+        lattice.state[index] = from.take(1)?[0].min(VALID);
+    }
+    from.end()?;
+    Ok(lattice)
+}
+
+/// Indices of the border samples.
+fn rim(n: usize) -> impl Iterator<Item = usize> {
+    let last = n * (n + 1);
+    let sides = (1..n).flat_map(move |y| [y * (n + 1), y * (n + 1) + n]);
+    (0..=n).chain(sides).chain(last..=last + n)
 }
 
 /// Lowest and highest value; empty if `low > high`.

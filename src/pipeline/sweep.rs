@@ -1,7 +1,8 @@
 //! The sweep: rows of tiles go through every level from north to south.
 //!
 //! A row is worked on when the row below it is known, since fills look at all eight neighbours. At each level a window of
-//! three rows is kept, and one row of quarters that waits for its partner.
+//! three rows is kept, and one row of quarters that waits for its partner. Tiles at the seams of the sweep's window, which it cannot
+//! finish, are left in the seam file; what other builds have left is put in its place as its row comes by.
 
 use rayon::prelude::*;
 
@@ -10,26 +11,86 @@ use crate::container::writer::ContainerWriter;
 use crate::error::Result;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::quarter::Quarter;
+use crate::pipeline::reach::Reach;
+use crate::pipeline::seam::{Item, SeamFile, Seams, encode_all};
 use crate::pipeline::tally::Tally;
 use crate::pipeline::work::{Finished, Work};
 use crate::sample::Lattice;
 use crate::tile::TileId;
 use crate::tile::fill::{self, Fill, Neighbourhood};
 
-/// Tiles of one row of a level; `None` where there is no tile.
+/// A tile's place in a row.
+pub enum Slot {
+    /// There is no tile, or nobody needs it.
+    Empty,
+    /// To be finished; afterwards its lattice is still looked at.
+    Work(Box<Work>),
+    /// Finished elsewhere, or outside the window: only looked at.
+    Seen(Lattice),
+}
+
+impl Slot {
+    fn lattice(&self) -> Option<&Lattice> {
+        match self {
+            Self::Empty => None,
+            Self::Work(work) => Some(&work.lattice),
+            Self::Seen(lattice) => Some(lattice),
+        }
+    }
+}
+
+/// Tiles of one row of a level.
 pub struct TileRow {
     /// The row.
     pub y: u32,
-    /// Its tiles from west to east.
-    pub tiles: Vec<Option<Work>>,
+    /// Column of the first slot.
+    pub first: u32,
+    /// From west to east.
+    pub slots: Vec<Slot>,
 }
+
+impl TileRow {
+    fn lattice(&self, x: u32) -> Option<&Lattice> {
+        self.slots.get(x.checked_sub(self.first)? as usize)?.lattice()
+    }
+
+    /// What the tiles in some columns leave: their rims if they are finished, else their quarters.
+    fn leave<'a>(
+        &'a self,
+        level: u8,
+        wanted: impl Fn(u32) -> bool,
+        rims: &mut Vec<Item<'a>>,
+        quarters: &mut Vec<(TileId, Quarter)>,
+    ) {
+        for (x, slot) in (self.first..).zip(&self.slots).filter(|(x, _)| wanted(*x)) {
+            let id = TileId::new(level, x, self.y);
+            let before = quarters.len();
+            if let Slot::Work(work) = slot {
+                quarters.extend(work.quarters().into_iter().map(|(q, quarter)| (id.child(q), quarter)));
+            }
+            if let Some(lattice) = slot.lattice().filter(|_| quarters.len() == before) {
+                rims.push(Item::Rim(id, lattice));
+            }
+        }
+    }
+}
+
+/// Quarters of a row by column, ascending.
+type Quarters = Vec<(u32, Quarter)>;
 
 /// All levels of a build in progress.
 pub struct Sweep<'a> {
     plan: &'a Plan,
+    reach: Reach,
     levels: Vec<Level>,
     writer: ContainerWriter,
     tally: Tally,
+    /// What others left for this sweep.
+    earlier: Seams,
+    /// What this sweep leaves for others.
+    seam: SeamFile,
+    /// Rows of leaf tiles before this one have been passed: if they come, they are only to be looked at.
+    passed: u32,
 }
 
 #[derive(Default)]
@@ -38,15 +99,21 @@ struct Level {
     north: Option<TileRow>,
     /// Next to be worked on.
     current: Option<TileRow>,
-    /// Quarters of the last finished row, if it is an even one.
-    waiting: Option<(u32, Vec<Option<Quarter>>)>,
+    /// Quarters of the last finished row, if its partner is still to come.
+    waiting: Option<(u32, Quarters)>,
 }
 
 impl<'a> Sweep<'a> {
-    /// A sweep that appends what it finishes to `writer`.
-    pub fn new(plan: &'a Plan, writer: ContainerWriter) -> Self {
+    /// A sweep that appends what it finishes to `writer`, and counts it in `tally`.
+    pub fn new(
+        plan: &'a Plan,
+        reach: Reach,
+        (writer, tally): (ContainerWriter, Tally),
+        earlier: Seams,
+        seam: SeamFile,
+    ) -> Self {
         let levels = (0..=plan.levels).map(|_| Level::default()).collect();
-        Self { plan, levels, writer, tally: Tally::new(plan) }
+        Self { plan, reach, levels, writer, tally, earlier, seam, passed: 0 }
     }
 
     /// The next row of leaf tiles.
@@ -54,8 +121,14 @@ impl<'a> Sweep<'a> {
         self.push_at(self.plan.levels, row)
     }
 
-    /// Works off what is left, and hands back the writer.
-    pub fn finish(mut self) -> Result<(ContainerWriter, Tally)> {
+    /// A row of leaf tiles that others have finished: what they left of it goes on from here.
+    pub fn pass(&mut self, y: u32) -> Result<()> {
+        self.passed = y + 1;
+        self.stack(self.plan.levels, y, Vec::new())
+    }
+
+    /// Works off what is left.
+    pub fn finish(&mut self) -> Result<()> {
         for level in (0..=self.plan.levels).rev() {
             if self.levels[usize::from(level)].current.is_some() {
                 self.work(level, None)?;
@@ -64,7 +137,47 @@ impl<'a> Sweep<'a> {
                 self.lift(level, y, north, Vec::new())?;
             }
         }
-        Ok((self.writer, self.tally))
+        Ok(())
+    }
+
+    /// What stands in the levels now, as items: with the seam file, all that a sweep needs to go on from here.
+    pub fn standing(&self) -> Result<Vec<u8>> {
+        let mut quarters = Vec::new();
+        let mut items = Vec::new();
+        for (level, state) in (0..).zip(&self.levels) {
+            if let Some((y, waiting)) = &state.waiting {
+                items.extend(waiting.iter().map(|(x, q)| Item::Quarter(TileId::new(level, *x, *y), q)));
+            }
+            if level == self.plan.levels {
+                // Leaves come from the source again.
+                continue;
+            }
+            for row in [&state.north, &state.current].into_iter().flatten() {
+                row.leave(level, |_| true, &mut items, &mut quarters);
+            }
+        }
+        items.extend(quarters.iter().map(|(id, quarter)| Item::Quarter(*id, quarter)));
+        encode_all(&items)
+    }
+
+    /// The writer, to mark how far it is.
+    pub fn writer(&mut self) -> &mut ContainerWriter {
+        &mut self.writer
+    }
+
+    /// The seam file, likewise.
+    pub fn seam(&mut self) -> &mut SeamFile {
+        &mut self.seam
+    }
+
+    /// What has been counted.
+    pub fn tally(&self) -> &Tally {
+        &self.tally
+    }
+
+    /// Hands back the writer.
+    pub fn into_writer(self) -> (ContainerWriter, Tally) {
+        (self.writer, self.tally)
     }
 
     fn push_at(&mut self, level: u8, row: TileRow) -> Result<()> {
@@ -77,104 +190,140 @@ impl<'a> Sweep<'a> {
 
     /// Works on the current row of a level, of which the row to the south is known now.
     fn work(&mut self, level: u8, south: Option<&TileRow>) -> Result<()> {
-        let state = &mut self.levels[usize::from(level)];
-        let Some(mut row) = state.current.take() else { return Ok(()) };
-        let fills = self.plan.fills(level, state.north.as_ref(), &row, south);
-        let plan = self.plan;
+        let Some(mut row) = self.levels[usize::from(level)].current.take() else { return Ok(()) };
+        let passed = level == self.plan.levels && row.y < self.passed;
+        let quarters = if self.reach.finished(level).rows.contains(&row.y) && !passed {
+            Some(self.finish_row(level, &mut row, south)?)
+        } else {
+            None
+        };
+        self.leave(level, &row)?;
         let y = row.y;
-        let finished: Vec<Option<Result<Finished>>> = row
-            .tiles
-            .par_iter_mut()
+        self.levels[usize::from(level)].north = Some(row);
+        quarters.map_or(Ok(()), |quarters| self.stack(level, y, quarters))
+    }
+
+    /// Finishes the tiles of a row that can be.
+    fn finish_row(&mut self, level: u8, row: &mut TileRow, south: Option<&TileRow>) -> Result<Quarters> {
+        let (plan, y) = (self.plan, row.y);
+        let columns = self.reach.finished(level).columns.clone();
+        let north = self.levels[usize::from(level)].north.as_ref();
+        let fills = plan.fills(level, north, row, south, &columns);
+        let finished: Vec<Option<Result<Finished>>> = (row.first..row.first + row.slots.len() as u32)
+            .into_par_iter()
+            .zip(&mut row.slots)
             .zip(fills)
-            .enumerate()
-            .map_init(Scratch::default, |scratch, (x, (work, fills))| {
-                let work = work.as_mut()?;
-                fill::apply(&mut work.lattice, &fills);
-                Some(work.finish(TileId::new(level, x as u32, y), plan, scratch))
+            .map_init(Scratch::default, |scratch, ((x, slot), fills)| match slot {
+                Slot::Work(work) if columns.contains(&x) => {
+                    fill::apply(&mut work.lattice, &fills);
+                    Some(work.finish(TileId::new(level, x, y), plan, scratch))
+                }
+                _ => None,
             })
             .collect();
-        state.north = Some(row);
         let mut quarters = Vec::with_capacity(finished.len());
-        for tile in finished {
-            let Some(tile) = tile.transpose()? else {
-                quarters.push(None);
-                continue;
-            };
+        for tile in finished.into_iter().flatten() {
+            let tile = tile?;
             self.writer.append(&tile.record, &tile.chunks)?;
-            self.tally.add(&tile, &self.plan.geometry(tile.record.id));
-            quarters.push(Some(tile.quarter));
+            self.tally.add(&tile, &plan.geometry(tile.record.id));
+            quarters.push((tile.record.id.x, tile.quarter));
         }
-        self.stack(level, y, quarters)
+        Ok(quarters)
+    }
+
+    /// Leaves for others what they will need of a row that has been worked on.
+    fn leave(&mut self, level: u8, row: &TileRow) -> Result<()> {
+        if level == self.plan.levels {
+            return Ok(());
+        }
+        let (mut items, mut quarters) = (Vec::new(), Vec::new());
+        row.leave(level, |x| self.reach.is_at_seam(level, x, row.y), &mut items, &mut quarters);
+        items.extend(quarters.iter().map(|(id, quarter)| Item::Quarter(*id, quarter)));
+        self.seam.append(&items)
     }
 
     /// Pairs a finished row with the one it waits for.
-    fn stack(&mut self, level: u8, y: u32, quarters: Vec<Option<Quarter>>) -> Result<()> {
+    fn stack(&mut self, level: u8, y: u32, mut quarters: Quarters) -> Result<()> {
         if level == 0 {
             return Ok(());
         }
+        let earlier = self.earlier.take_quarters(level, y, self.plan.tile, self.plan.recipe.coding)?;
+        if !earlier.is_empty() {
+            quarters.extend(earlier);
+            quarters.sort_unstable_by_key(|(x, _)| *x);
+        }
+        let waiting = &mut self.levels[usize::from(level)].waiting;
         if y.is_multiple_of(2) {
-            self.levels[usize::from(level)].waiting = Some((y, quarters));
+            *waiting = Some((y, quarters));
             return Ok(());
         }
-        match self.levels[usize::from(level)].waiting.take() {
-            Some((_, north)) => self.lift(level, y, north, quarters),
-            None => self.lift(level, y, Vec::new(), quarters),
-        }
+        let north = waiting.take().map_or_else(Vec::new, |(_, north)| north);
+        self.lift(level, y, north, quarters)
     }
 
-    /// Makes the parents of two rows, and pushes them a level up.
-    fn lift(
-        &mut self,
-        level: u8,
-        y: u32,
-        north: Vec<Option<Quarter>>,
-        south: Vec<Option<Quarter>>,
-    ) -> Result<()> {
+    /// Makes the parents of two rows, and pushes them a level up; those of tiles that are not all here go to the seam.
+    fn lift(&mut self, level: u8, y: u32, north: Quarters, south: Quarters) -> Result<()> {
         if level == 0 {
             return Ok(());
         }
-        let columns = north.len().max(south.len()).div_ceil(2);
+        let (plan, above, y) = (self.plan, level - 1, y / 2);
+        let assembled = self.reach.assembled(above).clone();
         let mut quads: Vec<[Option<Quarter>; 4]> = Vec::new();
-        quads.resize_with(columns, Default::default);
+        quads.resize_with(assembled.columns.len(), Default::default);
+        let mut left = Vec::new();
         for (half, row) in [north, south].into_iter().enumerate() {
-            for (x, quarter) in row.into_iter().enumerate() {
-                quads[x / 2][2 * half + x % 2] = quarter;
+            for (x, quarter) in row {
+                if assembled.contains(x / 2, y) {
+                    quads[(x / 2 - assembled.columns.start) as usize][2 * half + x as usize % 2] =
+                        Some(quarter);
+                } else {
+                    left.push((TileId::new(level, x, 2 * y + half as u32), quarter));
+                }
             }
         }
-        let plan = self.plan;
-        let tiles = quads.into_par_iter().map(|quad| Work::parent(quad, plan)).collect();
-        self.push_at(level - 1, TileRow { y: y / 2, tiles })
+        let items: Vec<_> = left.iter().map(|(id, quarter)| Item::Quarter(*id, quarter)).collect();
+        self.seam.append(&items)?;
+        if !assembled.rows.contains(&y) {
+            return Ok(());
+        }
+        let parent = |quad| Work::parent(quad, plan).map_or(Slot::Empty, |work| Slot::Work(Box::new(work)));
+        let mut slots: Vec<Slot> = quads.into_par_iter().map(parent).collect();
+        for (x, rim) in self.earlier.take_rims(above, y, plan.tile, plan.recipe.coding)? {
+            let slot = x.checked_sub(assembled.columns.start).and_then(|i| slots.get_mut(i as usize));
+            if let Some(slot @ Slot::Empty) = slot {
+                *slot = Slot::Seen(rim);
+            }
+        }
+        self.push_at(above, TileRow { y, first: assembled.columns.start, slots })
     }
 }
 
 impl Plan {
-    /// Fills of every tile of a row.
+    /// Fills of the tiles of a row in `columns`; none for the others.
     fn fills(
         &self,
         level: u8,
         north: Option<&TileRow>,
         row: &TileRow,
         south: Option<&TileRow>,
+        columns: &std::ops::Range<u32>,
     ) -> Vec<Vec<Fill>> {
         // A leaf settles every spacing up to its size; above, only the size itself is new.
         let from = if level == self.levels { 1 } else { self.tile };
-        let rows =
-            [tiles_at(north, row.y.checked_sub(1)), Some(&row.tiles), tiles_at(south, row.y.checked_add(1))];
-        (0..row.tiles.len())
+        let north = north.filter(|north| north.y.checked_add(1) == Some(row.y));
+        let south = south.filter(|south| row.y.checked_add(1) == Some(south.y));
+        let rows = [north, Some(row), south];
+        (row.first..row.first + row.slots.len() as u32)
             .into_par_iter()
-            .map(|x| {
-                let lattice = |r: usize, x: Option<usize>| -> Option<&Lattice> {
-                    rows[r]?.get(x?)?.as_ref().map(|work| &work.lattice)
-                };
+            .zip(&row.slots)
+            .map(|(x, slot)| {
+                if !columns.contains(&x) || !matches!(slot, Slot::Work(_)) {
+                    return Vec::new();
+                }
                 let around =
-                    [0, 1, 2].map(|r| [x.checked_sub(1), Some(x), x.checked_add(1)].map(|c| lattice(r, c)));
+                    rows.map(|row| [x.checked_sub(1), Some(x), x.checked_add(1)].map(|x| row?.lattice(x?)));
                 Neighbourhood(around).fills(from, self.tile)
             })
             .collect()
     }
-}
-
-/// Tiles of a neighbouring row, if it is the row `y`.
-fn tiles_at(row: Option<&TileRow>, y: Option<u32>) -> Option<&Vec<Option<Work>>> {
-    row.filter(|row| Some(row.y) == y).map(|row| &row.tiles)
 }

@@ -3,6 +3,8 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
+
 use crate::container::layout::Header;
 use crate::container::metadata::{ErrorStatistics, LevelStatistics, Statistics, StepStatistics};
 use crate::error_code::metres_from_code;
@@ -14,11 +16,12 @@ use crate::pipeline::work::Finished;
 type Counts = BTreeMap<u16, u64>;
 
 /// The counts of all levels.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tally {
     levels: Vec<LevelTally>,
 }
 
-#[derive(Default)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct LevelTally {
     tiles: u64,
     patches: u64,
@@ -28,7 +31,7 @@ struct LevelTally {
     steps: Vec<StepTally>,
 }
 
-#[derive(Clone, Default)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct StepTally {
     spacing_m: [f64; 2],
     vertical: Counts,
@@ -69,6 +72,17 @@ impl Tally {
         }
     }
 
+    /// Adds what another build has counted, of tiles of its own. False, and nothing done, if it is of other levels or steps.
+    #[must_use]
+    pub fn join(&mut self, other: &Self) -> bool {
+        let alike = self.levels.len() == other.levels.len()
+            && self.levels.iter().zip(&other.levels).all(|(a, b)| a.steps.len() == b.steps.len());
+        if alike {
+            self.levels.iter_mut().zip(&other.levels).for_each(|(level, other)| level.join(other));
+        }
+        alike
+    }
+
     /// The statistics section.
     pub fn statistics(&self, header: &Header) -> Statistics {
         let levels = self.levels.iter().zip(0..).map(|(level, number)| {
@@ -89,6 +103,33 @@ impl Tally {
             }
         });
         Statistics { levels: levels.collect() }
+    }
+}
+
+impl LevelTally {
+    fn join(&mut self, other: &Self) {
+        self.tiles += other.tiles;
+        self.patches += other.patches;
+        self.valid += other.valid;
+        if let Some((low, high)) = other.range_m {
+            let (a, b) = self.range_m.unwrap_or((low, high));
+            self.range_m = Some((a.min(low), b.max(high)));
+        }
+        for (sum, bytes) in self.bytes.iter_mut().zip(other.bytes) {
+            *sum += bytes;
+        }
+        for (step, other) in self.steps.iter_mut().zip(&other.steps) {
+            for (largest, spacing) in step.spacing_m.iter_mut().zip(other.spacing_m) {
+                *largest = largest.max(spacing);
+            }
+            for (counts, others) in
+                [(&mut step.vertical, &other.vertical), (&mut step.horizontal, &other.horizontal)]
+            {
+                for (&code, count) in others {
+                    *counts.entry(code).or_default() += count;
+                }
+            }
+        }
     }
 }
 

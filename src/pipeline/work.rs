@@ -81,6 +81,16 @@ impl Work {
         Some(Self { lattice, below: Some(Below { blocks, errors, range, children }) })
     }
 
+    /// What the children left, taken apart again, by quadrant: for a tile that is to be finished elsewhere. A leaf has none.
+    pub fn quarters(&self) -> Vec<(u8, Quarter)> {
+        let Some(below) = &self.below else { return Vec::new() };
+        let quarter = |(quadrant, errors): (u8, &Option<Errors>)| {
+            let errors = errors.clone()?;
+            Some((quadrant, Quarter::cut(&self.lattice, &below.blocks, quadrant, errors, below.range)))
+        };
+        (0..).zip(&below.errors).filter_map(quarter).collect()
+    }
+
     /// Measures, encodes and halves the tile, whose fills are in place.
     pub fn finish(&mut self, id: TileId, plan: &Plan, scratch: &mut Scratch) -> Result<Finished> {
         let coding = plan.recipe.coding;

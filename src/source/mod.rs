@@ -33,7 +33,7 @@ pub fn open(path: &Path, limits: &Limits) -> Result<Box<dyn Source>> {
 }
 
 /// What a raster is, known when it is opened.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceInfo {
     /// Columns.
     pub width: u32,

@@ -1,0 +1,82 @@
+//! Checkpoints: from time to time a build writes its state, so that it can be resumed.
+//!
+//! What the state counts on is synced first, then the state takes the place of the one before, by a rename; both by a thread of their
+//! own, while the build goes on. A build that ends before its first checkpoint leaves nothing.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use crate::container::work;
+use crate::error::{Error, Result};
+
+/// A checkpoint may take this share of the time at most.
+const SHARE: u32 = 16;
+
+/// When the next checkpoint is due, and the one that is being written.
+pub struct Checkpoints {
+    every: Duration,
+    due: Instant,
+    running: Option<JoinHandle<Result<()>>>,
+    written: bool,
+}
+
+impl Checkpoints {
+    /// The first is due after `every`. `written`: there is a state already.
+    pub fn new(every: Duration, written: bool) -> Self {
+        Self { every, due: Instant::now() + every, running: None, written }
+    }
+
+    /// True if it is time, and the last one is through.
+    pub fn is_due(&mut self) -> Result<bool> {
+        if self.running.as_ref().is_some_and(JoinHandle::is_finished) {
+            self.wait()?;
+        }
+        Ok(self.running.is_none() && Instant::now() >= self.due)
+    }
+
+    /// Syncs `files`, then writes `state` into `folder`, on a thread. `begun` is when the state began to be put together.
+    pub fn write(&mut self, folder: &Path, files: Vec<File>, state: Vec<u8>, begun: Instant) -> Result<()> {
+        self.wait()?;
+        let folder = folder.to_owned();
+        self.running = Some(std::thread::spawn(move || sync_and_write(&folder, &files, &state)));
+        self.due = Instant::now() + self.every.max(begun.elapsed() * SHARE);
+        Ok(())
+    }
+
+    /// Waits for the checkpoint that is being written, if any.
+    pub fn wait(&mut self) -> Result<()> {
+        let Some(running) = self.running.take() else { return Ok(()) };
+        let result = running
+            .join()
+            .unwrap_or_else(|_| Err(Error::usage("the thread that writes the state of the build failed")));
+        self.written |= result.is_ok();
+        result
+    }
+
+    /// True if there is a state, or will be soon.
+    pub fn is_written_or_running(&self) -> bool {
+        self.written || self.running.is_some()
+    }
+
+    /// True if there is a state to go on from.
+    pub fn is_written(&self) -> bool {
+        self.written
+    }
+}
+
+impl Drop for Checkpoints {
+    fn drop(&mut self) {
+        // Whoever drops it without waiting has an error of their own to report.
+        let _ = self.wait();
+    }
+}
+
+fn sync_and_write(folder: &Path, files: &[File], state: &[u8]) -> Result<()> {
+    for file in files {
+        file.sync_data()
+            .map_err(|source| Error::io(PathBuf::from(folder), "sync what is done so far", source))?;
+    }
+    work::write_state(folder, state)
+}

@@ -1,0 +1,173 @@
+//! Pieces to one file.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use crate::container::metadata::{LevelNote, LevelStatistics, Metadata, SourceNote, Statistics};
+use crate::container::work::{Earlier, WorkFolder};
+use crate::container::writer::ContainerWriter;
+use crate::error::{Error, Result};
+use crate::pipeline::plan::Plan;
+use crate::pipeline::reach::{Extent, Reach};
+use crate::pipeline::run::{Done, recipe};
+use crate::pipeline::seam::{SeamFile, Seams};
+use crate::pipeline::state::State;
+use crate::pipeline::sweep::Sweep;
+use crate::pipeline::tally::Tally;
+use crate::pipeline::{BuildOptions, Observer, Report, Stage, plan};
+use crate::source::SourceInfo;
+
+/// Joins finished windows that cover the raster.
+pub fn merge(pieces: &[PathBuf], output: &Path, force: bool, observer: &dyn Observer) -> Result<Report> {
+    let start = Instant::now();
+    let mut seams = Seams::default();
+    let mut states = Vec::with_capacity(pieces.len());
+    for piece in pieces {
+        let state = State::read(piece, &mut seams)?;
+        if state.next != state.window.rows.end {
+            let got = format!("one that is done up to tile row {} of {}", state.next, state.window);
+            return Err(Error::format("state", "a finished window", got).at(piece));
+        }
+        states.push(state);
+    }
+    let Some(first) = states.first() else {
+        return Err(Error::usage("there is no piece to merge"));
+    };
+    let mut plan = plan(&first.info, &first.options)?;
+    plan.recipe = recipe(&first.info, &first.options, first.largest)?;
+    check_alike(pieces, &states)?;
+    check_cover(&plan, pieces, &states)?;
+    let earlier = if force { Earlier::Discard } else { Earlier::Refuse };
+    let mut writer = ContainerWriter::begin(WorkFolder::take(output, force, earlier)?)?;
+    let mut tally = Tally::new(&plan);
+    for (piece, state) in pieces.iter().zip(&states) {
+        if observer.cancelled() {
+            return Err(Error::Interrupted);
+        }
+        writer.adopt(piece, &state.mark)?;
+        if !tally.join(&state.tally) {
+            return Err(Error::format("state", "counts of all levels", "others").at(piece));
+        }
+    }
+    let seam = SeamFile::create(writer.work().folder().join("seam-0"))?;
+    let all = Extent::of_level(&plan, plan.levels);
+    let rows = all.rows.clone();
+    let mut sweep = Sweep::new(&plan, Reach::new(&plan, &all), (writer, tally), seams, seam);
+    for y in rows {
+        if observer.cancelled() {
+            return Err(Error::Interrupted);
+        }
+        sweep.pass(y)?;
+        observer.rows(Stage::Build, u64::from(y + 1), u64::from(all.rows.end));
+    }
+    sweep.finish()?;
+    let (writer, tally) = sweep.into_writer();
+    assemble(Done::new(writer, tally), &plan, &first.info, &first.options, observer, start)
+}
+
+/// Fails unless all pieces are of one raster, built with the same options.
+fn check_alike(pieces: &[PathBuf], states: &[State]) -> Result<()> {
+    for (piece, state) in pieces.iter().zip(states).skip(1) {
+        // The input may have been copied to several machines, at different times.
+        let sizes = |state: &State| state.fingerprint.files.iter().map(|file| file.bytes).collect::<Vec<_>>();
+        let mut like_first = State { fingerprint: state.fingerprint.clone(), ..states[0].clone() };
+        like_first.window = state.window.clone();
+        like_first.check_same(state, piece)?;
+        if sizes(state) != sizes(&states[0]) || state.largest != states[0].largest {
+            let what = format!("{} is not of the same input as {}", piece.display(), pieces[0].display());
+            return Err(Error::usage(what));
+        }
+    }
+    Ok(())
+}
+
+/// Fails unless every leaf tile is in one window, and in one only.
+fn check_cover(plan: &Plan, pieces: &[PathBuf], states: &[State]) -> Result<()> {
+    let all = Extent::of_level(plan, plan.levels);
+    for (i, state) in states.iter().enumerate() {
+        if !all.covers(&state.window) || state.window.is_empty() {
+            return Err(Error::format("window", format!("tiles of {all}"), &state.window).at(&pieces[i]));
+        }
+        for (j, other) in states[..i].iter().enumerate() {
+            let both = state.window.common(&other.window);
+            if !both.is_empty() {
+                let (a, b) = (pieces[j].display(), pieces[i].display());
+                return Err(Error::usage(format!("{a} and {b} both have the tiles {both}; leave one away")));
+            }
+        }
+    }
+    for y in all.rows.clone() {
+        let mut x = all.columns.start;
+        while x < all.columns.end {
+            let Some(window) = states.iter().map(|s| &s.window).find(|window| window.contains(x, y)) else {
+                return Err(Error::usage(format!(
+                    "no piece has leaf tile {x}/{y}; build it with --window (all tiles: {all})"
+                )));
+            };
+            x = window.columns.end;
+        }
+    }
+    Ok(())
+}
+
+/// Puts the file together when all tiles are finished.
+pub fn assemble(
+    done: Done,
+    plan: &Plan,
+    info: &SourceInfo,
+    options: &BuildOptions,
+    observer: &dyn Observer,
+    start: Instant,
+) -> Result<Report> {
+    let Done { mut writer, tally, .. } = done;
+    if writer.tile_count() == 0 {
+        writer.work_mut().discard();
+        return Err(all_void(info, plan));
+    }
+    let header = plan.header(info, writer.tile_count());
+    let statistics = tally.statistics(&header);
+    let metadata = metadata(info, plan, &statistics, options);
+    let file = writer.finish_while(&header, &metadata, &statistics, &mut |tiles, total| {
+        observer.rows(Stage::Write, tiles, total);
+        !observer.cancelled()
+    })?;
+    Ok(Report { header, statistics, file, elapsed: start.elapsed() })
+}
+
+fn all_void(info: &SourceInfo, plan: &Plan) -> Error {
+    let nodata = plan.recipe.nodata.map_or_else(|| "none".to_owned(), |v| v.to_string());
+    Error::format(
+        "elevation band",
+        "at least one valid sample",
+        format!(
+            "{} x {} samples that are all void (nodata value: {nodata}); if that value is wrong, give --nodata",
+            info.width, info.height
+        ),
+    )
+}
+
+fn metadata(info: &SourceInfo, plan: &Plan, statistics: &Statistics, options: &BuildOptions) -> Metadata {
+    Metadata {
+        tool: concat!("relevo ", env!("CARGO_PKG_VERSION")).to_owned(),
+        crs: info.geo.crs.clone(),
+        pixel_is_point: info.geo.pixel_is_point,
+        bounds: info.geo.transform.map(|_| info.geo.bounds(info.width, info.height)),
+        vertical_unit: info.vertical_unit.1.clone(),
+        sources: vec![SourceNote {
+            name: options.source_name.clone(),
+            description: info.description.clone(),
+        }],
+        options: plan.options_json(options),
+        levels: statistics.levels.iter().map(level_note).collect(),
+    }
+}
+
+fn level_note(level: &LevelStatistics) -> LevelNote {
+    let finest = level.steps.first();
+    LevelNote {
+        tiles: level.tiles,
+        bytes: level.heights_bytes + level.masks_bytes + level.errors_bytes,
+        max_vertical_m: finest.map_or(0.0, |s| s.vertical.max),
+        max_horizontal_m: finest.map_or(0.0, |s| s.horizontal.max),
+    }
+}

@@ -1,0 +1,136 @@
+//! The state of a build in its work folder: all that is needed to go on, or to merge a finished window.
+//!
+//! The chunks, the list of tiles and the seam file lie beside it; the state says how far they count. It is a head of 20 bytes (magic,
+//! version, length and CRC of what follows; little endian), JSON, and the items that stood in the sweep (see `seam`).
+
+use std::fs;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::container::writer::Mark;
+use crate::error::{Error, Result};
+use crate::pipeline::BuildOptions;
+use crate::pipeline::reach::Extent;
+use crate::pipeline::seam::Seams;
+use crate::pipeline::tally::Tally;
+use crate::source::{Fingerprint, SourceInfo};
+
+const MAGIC: &[u8; 8] = b"RLVSTATE";
+/// Goes up with every change to the state, the seam items, the list of tiles, or the chunks.
+const VERSION: u32 = 1;
+const HEAD: usize = 20;
+/// Name of the state in its folder.
+pub const NAME: &str = "state";
+
+/// What a build is of and how far it is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// The program that wrote it.
+    pub tool: String,
+    /// The source as it was.
+    pub fingerprint: Fingerprint,
+    /// What it says of itself.
+    pub info: SourceInfo,
+    /// What the build was asked for.
+    pub options: BuildOptions,
+    /// Which leaf tiles it is to make.
+    pub window: Extent,
+    /// Largest height, if the options ask for a precision.
+    pub largest: f64,
+    /// Rows of leaf tiles from the window's first up to this one are finished.
+    pub next: u32,
+    /// How far the files count.
+    pub mark: Mark,
+    /// Name and length of the seam file.
+    pub seam: (String, u64),
+    /// What has been counted.
+    pub tally: Tally,
+}
+
+impl State {
+    /// The state file: JSON and what stood in the sweep.
+    pub fn encode(&self, standing: &[u8]) -> Result<Vec<u8>> {
+        let json = serde_json::to_vec(self)
+            .map_err(|error| Error::usage(format!("the state of the build cannot be written: {error}")))?;
+        let mut out = Vec::with_capacity(HEAD + json.len() + standing.len());
+        out.extend_from_slice(MAGIC);
+        for word in [VERSION, json.len() as u32, crc32fast::hash(&json)] {
+            out.extend_from_slice(&word.to_le_bytes());
+        }
+        out.extend_from_slice(&json);
+        out.extend_from_slice(standing);
+        Ok(out)
+    }
+
+    /// Reads the state of a folder, and finds what it and the seam file hold.
+    pub fn read(folder: &Path, seams: &mut Seams) -> Result<Self> {
+        let path = folder.join(NAME);
+        let bytes = fs::read(&path).map_err(|source| Error::io(&path, "read it", source))?;
+        let (state, items) = Self::decode(&bytes).map_err(|error| error.at(&path))?;
+        seams.add(&path, items as u64, bytes.len() as u64)?;
+        seams.add(&folder.join(&state.seam.0), 0, state.seam.1)?;
+        Ok(state)
+    }
+
+    /// The state, and where its items begin.
+    fn decode(bytes: &[u8]) -> Result<(Self, usize)> {
+        let head = bytes.first_chunk::<HEAD>().filter(|head| head.starts_with(MAGIC));
+        let Some(head) = head else {
+            return Err(Error::format("first bytes", "the state of a build", "something else"));
+        };
+        let word = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
+        if word(8) != VERSION {
+            let expected =
+                format!("{VERSION}: finish it with the program that began it, or begin anew with --force");
+            return Err(Error::format("version of the state", expected, word(8)));
+        }
+        let end = HEAD + word(12) as usize;
+        let json = bytes.get(HEAD..end).filter(|json| crc32fast::hash(json) == word(16));
+        let Some(json) = json else {
+            return Err(Error::format(
+                "state",
+                "the bytes that were written",
+                "damaged ones; begin anew with --force",
+            ));
+        };
+        let state = serde_json::from_slice(json)
+            .map_err(|error| Error::format("state", "what this program writes", error))?;
+        Ok((state, end))
+    }
+
+    /// Fails, saying what differs, unless a build of this source and these options gives the same file.
+    pub fn check_same(&self, now: &State, folder: &Path) -> Result<()> {
+        let differs = if self.fingerprint != now.fingerprint {
+            Some(format!("the input has changed since: {}", difference(&self.fingerprint, &now.fingerprint)))
+        } else if self.info != now.info {
+            Some("the input says other things of itself than it did".to_owned())
+        } else if self.window != now.window {
+            Some(format!("the window was {}, now it is {}", self.window, now.window))
+        } else {
+            self.options
+                .difference(&now.options)
+                .map(|what| format!("the options have changed since: {what}"))
+        };
+        let Some(differs) = differs.or_else(|| {
+            (self.tool != now.tool).then(|| format!("{} began it, and this is {}", self.tool, now.tool))
+        }) else {
+            return Ok(());
+        };
+        Err(Error::usage(format!(
+            "{}: cannot go on with this build: {differs}; --force begins anew",
+            folder.display()
+        )))
+    }
+}
+
+/// The first file that is not as it was.
+pub fn difference(before: &Fingerprint, now: &Fingerprint) -> String {
+    let changed = before.files.iter().zip(&now.files).find(|(a, b)| a != b);
+    match changed {
+        Some((a, b)) if a.name != b.name => format!("it was {}, now it is {}", a.name, b.name),
+        Some((a, b)) if a.bytes != b.bytes => format!("{} had {} bytes, now {}", a.name, a.bytes, b.bytes),
+        Some((a, _)) => format!("{} was written to", a.name),
+        None => format!("it was {} files, now {}", before.files.len(), now.files.len()),
+    }
+}
