@@ -181,3 +181,27 @@ fn the_command_line_builds_windows_of_a_real_dem_and_merges_them() {
         fs::read_dir(folder.path()).expect("folder").flatten().map(|e| e.file_name()).collect();
     assert!(!left.iter().any(|name| name.to_string_lossy().ends_with(".work")), "{left:?}");
 }
+
+#[test]
+fn a_limit_of_memory_changes_no_byte() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = folder.path().join("dem.tif");
+    dem(&path, (700, 300), 5, SampleType::Int16);
+    let source = source::open(&path, &Limits::default()).expect("open");
+    let options = BuildOptions { tile: 16, patch: 8, jobs: Some(2), ..BuildOptions::default() };
+    let plan = pipeline::plan(source.info(), &options).expect("plan");
+    let whole = folder.path().join("whole.rlv");
+    pipeline::build(&*source, &whole, &options, &Silent).expect("build");
+    for columns in [3, 4, 17, 40] {
+        let memory = Some(plan.memory(columns));
+        let strips = plan.strips(memory).expect("strips");
+        assert!(strips.len() > 1 && strips.iter().all(|strip| strip.columns.len() as u64 + 2 <= columns));
+        let limited = folder.path().join("limited.rlv");
+        let options = BuildOptions { memory, force: true, ..options.clone() };
+        pipeline::build(&*source, &limited, &options, &Silent).expect("build");
+        assert_eq!(fs::read(&limited).expect("limited"), fs::read(&whole).expect("whole"), "{columns}");
+    }
+    assert_eq!(plan.strips(Some(plan.memory(44))).expect("one").len(), 1);
+    let refused = plan.strips(Some(plan.memory(2))).expect_err("too little").to_string();
+    assert!(refused.contains("--memory") && refused.contains("16 x 16"), "{refused}");
+}

@@ -177,6 +177,27 @@ fn killed_at_fifty_random_moments() {
 }
 
 #[test]
+fn strips_are_resumed_too() {
+    let case = Case::new(1500, Compression::None);
+    // A strip of a few of the 24 columns of tiles at a time.
+    let limit = ["--jobs", "2", "--memory", "27MiB"];
+    for _ in 0..4 {
+        let mut child = case.spawn(&[&limit[..], &["--resume"]].concat());
+        std::thread::sleep(case.time.mul_f64(0.4));
+        let _ = child.kill();
+        let output = child.wait_with_output().expect("wait");
+        if case.out().exists() {
+            case.is_whole();
+            fs::remove_file(case.out()).expect("remove");
+        } else {
+            assert_eq!(output.status.signal(), Some(9), "{}", stderr(&output));
+            assert!(case.work().join("strip-000").exists() || case.work().join("strip-000.work").exists());
+        }
+    }
+    case.resumes();
+}
+
+#[test]
 fn changed_options_and_inputs_are_refused() {
     let case = Case::new(1200, Compression::None);
     case.killed();

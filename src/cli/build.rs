@@ -53,6 +53,9 @@ pub struct Args {
     /// Seconds between two checkpoints, from which --resume goes on
     #[arg(long, default_value_t = pipeline::CHECKPOINT.as_secs_f64(), value_name = "SECONDS", value_parser = interval)]
     checkpoint: f64,
+    /// Keep within this much memory (256MiB, 2GiB), by building strips one after the other if the DEM is wide; slower then
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    memory: Option<u64>,
     /// Build these tiles of the leaf level only, from column X0 and row Y0 up to X1 and Y1: OUT is then a piece for `relevo merge`
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = window, conflicts_with_all = ["dry_run", "verify", "json"])]
     window: Option<Extent>,
@@ -82,13 +85,14 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         jobs: args.jobs.map(usize::from),
         force: args.force,
         resume: args.resume,
+        memory: args.memory,
         checkpoint: Some(Duration::from_secs_f64(args.checkpoint)),
         source_name: args.dem.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
     };
     let source = source::open(&args.dem, &Limits::default())?;
     let plan = pipeline::plan(source.info(), &options)?;
     if args.dry_run {
-        return dry_run(args, source.info(), &plan, &output, out);
+        return dry_run(args, (source.info(), &options), &plan, &output, out);
     }
     let show = Show::new(args.progress);
     if let Some(window) = &args.window {
@@ -150,6 +154,23 @@ fn window(text: &str) -> Result<Extent, String> {
     }
 }
 
+/// `--memory SIZE`: bytes, or a number with a unit.
+fn size(text: &str) -> Result<u64, String> {
+    let split = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
+    let (number, unit) = text.split_at(split);
+    let shift = match unit.trim().to_ascii_lowercase().as_str() {
+        "" | "b" => 0,
+        "k" | "kb" | "kib" => 10,
+        "m" | "mb" | "mib" => 20,
+        "g" | "gb" | "gib" => 30,
+        _ => return Err("expected a size such as 256MiB or 2GiB".to_owned()),
+    };
+    match number.parse::<f64>() {
+        Ok(number) if number > 0.0 && number < 1e15 => Ok((number * f64::from(1_u32 << shift)) as u64),
+        _ => Err("expected a size such as 256MiB or 2GiB".to_owned()),
+    }
+}
+
 /// `--checkpoint SECONDS`.
 fn interval(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
@@ -158,8 +179,14 @@ fn interval(text: &str) -> Result<f64, String> {
     }
 }
 
-fn dry_run(args: &Args, info: &SourceInfo, plan: &Plan, output: &Path, out: &mut dyn Write) -> Outcome {
-    let (tiles, memory) = (plan.most_tiles(), plan.memory_estimate(info.sample_type));
+fn dry_run(
+    args: &Args,
+    (info, options): (&SourceInfo, &BuildOptions),
+    plan: &Plan,
+    output: &Path,
+    out: &mut dyn Write,
+) -> Outcome {
+    let (tiles, memory) = (plan.most_tiles(), plan.memory_estimate(options)?);
     let disk = plan.disk_estimate(info.sample_type);
     if args.json {
         let plan = json!({

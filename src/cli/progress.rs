@@ -83,6 +83,7 @@ fn name(stage: Stage) -> &'static str {
     match stage {
         Stage::Scan => "scan",
         Stage::Build => "build",
+        Stage::Merge => "merge",
         Stage::Write => "write",
     }
 }

@@ -108,6 +108,28 @@ pub struct FileSummary {
 struct LevelFile {
     file: BufWriter<File>,
     end: u64,
+    /// Files of pieces, as if they stood one after the other from [`ADOPTED`] on.
+    adopted: Vec<Adopted>,
+}
+
+/// Offset of the first adopted file: far behind the end of any other.
+const ADOPTED: u64 = 1 << 60;
+
+/// A level's file of a piece.
+struct Adopted {
+    base: u64,
+    end: u64,
+    file: File,
+}
+
+impl LevelFile {
+    /// Fills `bytes` from an offset of the level's own file, or of an adopted one.
+    fn read(&self, bytes: &mut [u8], offset: u64) -> io::Result<()> {
+        match self.adopted.iter().find(|adopted| (adopted.base..adopted.end).contains(&offset)) {
+            Some(adopted) => read_exact_at(&adopted.file, bytes, offset - adopted.base),
+            None => read_exact_at(self.file.get_ref(), bytes, offset),
+        }
+    }
 }
 
 /// Writes one container; dropped before [`ContainerWriter::finish`], it leaves nothing behind but what a state needs.
@@ -310,7 +332,7 @@ impl ContainerWriter {
             file.file.flush()?;
             let entries = self.tree.level(level as u8);
             for (entries, sources) in entries.chunks(TILES_AT_ONCE).zip(sources.chunks(TILES_AT_ONCE)) {
-                copy_tiles(file.file.get_ref(), entries, sources, &mut out)?;
+                copy_tiles(file, entries, sources, &mut out)?;
                 done += entries.len() as u64;
                 if !go_on(done, total) {
                     return Ok(false);
@@ -370,7 +392,7 @@ fn level_file<'a>(
         return Ok(file);
     }
     let file = open(&work.path(&level_name(level)), true)?;
-    Ok(slot.insert(LevelFile { file: BufWriter::with_capacity(BUFFER, file), end: 0 }))
+    Ok(slot.insert(LevelFile { file: BufWriter::with_capacity(BUFFER, file), end: 0, adopted: Vec::new() }))
 }
 
 /// Fails if a chunk is longer than any terrain of this tile size needs: readers would refuse it.
@@ -412,11 +434,16 @@ fn opening(header: Header, small: [(u32, &[u8]); 3], tiles: u64, pages: u64) -> 
 }
 
 /// Copies the chunks of some tiles and makes sure that they are still what came.
-fn copy_tiles(file: &File, entries: &[TileEntry], sources: &[u64], out: &mut impl Write) -> io::Result<()> {
+fn copy_tiles(
+    file: &LevelFile,
+    entries: &[TileEntry],
+    sources: &[u64],
+    out: &mut impl Write,
+) -> io::Result<()> {
     let mut buffer = Vec::new();
     for (entry, &source) in entries.iter().zip(sources) {
         buffer.resize(entry.chunks.bytes() as usize, 0);
-        read_exact_at(file, &mut buffer, source)?;
+        file.read(&mut buffer, source)?;
         let mut rest = buffer.as_slice();
         for (length, crc) in entry.chunks.lengths.into_iter().zip(entry.chunks.crcs) {
             let (chunk, behind) = rest.split_at(length as usize);

@@ -20,6 +20,17 @@ use crate::source::SourceInfo;
 /// Joins finished windows that cover the raster.
 pub fn merge(pieces: &[PathBuf], output: &Path, force: bool, observer: &dyn Observer) -> Result<Report> {
     let start = Instant::now();
+    let earlier = if force { Earlier::Discard } else { Earlier::Refuse };
+    join(pieces, || WorkFolder::take(output, force, earlier), observer, start)
+}
+
+/// Joins pieces in a work folder, which is taken when the pieces have been found good.
+pub fn join(
+    pieces: &[PathBuf],
+    work: impl FnOnce() -> Result<WorkFolder>,
+    observer: &dyn Observer,
+    start: Instant,
+) -> Result<Report> {
     let mut seams = Seams::default();
     let mut states = Vec::with_capacity(pieces.len());
     for piece in pieces {
@@ -37,32 +48,39 @@ pub fn merge(pieces: &[PathBuf], output: &Path, force: bool, observer: &dyn Obse
     plan.recipe = recipe(&first.info, &first.options, first.largest)?;
     check_alike(pieces, &states)?;
     check_cover(&plan, pieces, &states)?;
-    let earlier = if force { Earlier::Discard } else { Earlier::Refuse };
-    let mut writer = ContainerWriter::begin(WorkFolder::take(output, force, earlier)?)?;
+    let mut writer = ContainerWriter::begin(work()?)?;
     let mut tally = Tally::new(&plan);
     for (piece, state) in pieces.iter().zip(&states) {
-        if observer.cancelled() {
-            return Err(Error::Interrupted);
-        }
         writer.adopt(piece, &state.mark)?;
         if !tally.join(&state.tally) {
             return Err(Error::format("state", "counts of all levels", "others").at(piece));
         }
     }
+    let done = pass_all(&plan, writer, tally, seams, observer)?;
+    assemble(done, &plan, &first.info, &first.options, observer, start)
+}
+
+/// Sends what pieces have left through the levels.
+fn pass_all(
+    plan: &Plan,
+    writer: ContainerWriter,
+    tally: Tally,
+    seams: Seams,
+    observer: &dyn Observer,
+) -> Result<Done> {
     let seam = SeamFile::create(writer.work().folder().join("seam-0"))?;
-    let all = Extent::of_level(&plan, plan.levels);
-    let rows = all.rows.clone();
-    let mut sweep = Sweep::new(&plan, Reach::new(&plan, &all), (writer, tally), seams, seam);
-    for y in rows {
+    let all = Extent::of_level(plan, plan.levels);
+    let mut sweep = Sweep::new(plan, Reach::new(plan, &all), (writer, tally), seams, seam);
+    for y in all.rows.clone() {
         if observer.cancelled() {
             return Err(Error::Interrupted);
         }
         sweep.pass(y)?;
-        observer.rows(Stage::Build, u64::from(y + 1), u64::from(all.rows.end));
+        observer.rows(Stage::Merge, u64::from(y + 1), u64::from(all.rows.end));
     }
     sweep.finish()?;
     let (writer, tally) = sweep.into_writer();
-    assemble(Done::new(writer, tally), &plan, &first.info, &first.options, observer, start)
+    Ok(Done::new(writer, tally))
 }
 
 /// Fails unless all pieces are of one raster, built with the same options.

@@ -15,6 +15,7 @@ pub mod reach;
 mod run;
 mod seam;
 mod state;
+mod strips;
 mod sweep;
 mod tally;
 mod work;
@@ -30,6 +31,7 @@ use crate::container::writer::FileSummary;
 use crate::error::{Error, Result};
 use crate::source::Source;
 use reach::Extent;
+use run::Begun;
 
 pub use plan::{Plan, plan};
 
@@ -58,6 +60,9 @@ pub struct BuildOptions {
     /// Time between two checkpoints. `None`: [`CHECKPOINT`].
     #[serde(skip)]
     pub checkpoint: Option<Duration>,
+    /// Bytes of memory that the build keeps within, by building strips of columns one after the other if it must. `None`: no limit.
+    #[serde(skip)]
+    pub memory: Option<u64>,
     /// Name of the source as recorded in the file.
     pub source_name: String,
 }
@@ -74,6 +79,7 @@ impl Default for BuildOptions {
             force: false,
             resume: false,
             checkpoint: None,
+            memory: None,
             source_name: String::new(),
         }
     }
@@ -116,6 +122,8 @@ pub enum Stage {
     Scan,
     /// The sweep.
     Build,
+    /// Finishing what lies between pieces.
+    Merge,
     /// Putting the file together.
     Write,
 }
@@ -154,7 +162,12 @@ pub fn build(
     threads(options.jobs)?.install(|| {
         let mut plan = plan(source.info(), options)?;
         let window = Extent::of_level(&plan, plan.levels);
-        let done = run::run(source, output, options, observer, &mut plan, window)?;
+        let strips = plan.strips(options.memory)?;
+        let begun = Begun::new(source, output, options, observer, &mut plan, window, None)?;
+        if begun.is_new() && strips.len() > 1 || !begun.state.strips.is_empty() {
+            return strips::build(source, begun, strips, options, observer, &plan, start);
+        }
+        let done = begun.run(source, options, observer, &plan)?;
         merge::assemble(done, &plan, source.info(), options, observer, start)
     })
 }
@@ -176,8 +189,8 @@ pub fn build_window(
         if window.is_empty() || !all.covers(window) {
             return Err(Error::usage(format!("--window {window}: expected tiles of the leaf level, {all}")));
         }
-        let done = run::run(source, output, options, observer, &mut plan, window.clone())?;
-        done.into_piece()
+        let begun = Begun::new(source, output, options, observer, &mut plan, window.clone(), None)?;
+        begun.run(source, options, observer, &plan)?.into_piece()
     })
 }
 

@@ -8,6 +8,7 @@ use crate::geo::Geo;
 use crate::limits::Limits;
 use crate::patch::TileGeometry;
 use crate::pipeline::BuildOptions;
+use crate::pipeline::reach::Extent;
 use crate::sample::{Coding, SampleType};
 use crate::source::SourceInfo;
 use crate::tile::TileId;
@@ -38,6 +39,8 @@ pub struct Plan {
     pub geo: Geo,
     /// Threads asked for.
     pub jobs: usize,
+    /// Bytes of a sample of the source.
+    pub sample_bytes: usize,
     signed_metres: f64,
     band_offset_m: f64,
 }
@@ -78,6 +81,7 @@ pub fn plan(info: &SourceInfo, options: &BuildOptions) -> Result<Plan> {
         metres_of_value,
         geo: info.geo.clone(),
         jobs: options.jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        sample_bytes: info.sample_type.bytes(),
         signed_metres: info.band_scale * info.vertical_unit.0,
         band_offset_m: info.band_offset * info.vertical_unit.0,
     })
@@ -182,23 +186,11 @@ impl Plan {
         })
     }
 
-    /// Bytes of memory that the build needs at most, estimated: three rows of tiles at every level and what is in
-    /// work on each thread. The formula was held against measured peaks (`bench/`).
-    pub fn memory_estimate(&self, sample_type: SampleType) -> u64 {
-        let samples = ((self.tile + 1) * (self.tile + 1)) as u64;
-        let sample = if sample_type == SampleType::Float64 { 9 } else { 5 };
-        let rows: u64 = (0..=self.levels)
-            .map(|level| {
-                let columns = u64::from(self.columns_of_tiles(level));
-                let rows = u64::from(self.rows_of_tiles(level)).min(3);
-                // Lattices of the window, blocks and quarters of two rows.
-                columns * samples * (rows * sample + 9 + 2 * (sample + 9) / 4)
-            })
-            .sum();
-        let band = u64::from(self.width) * (self.tile as u64 + 1).min(u64::from(self.height));
-        let input = band * (sample + 2 * sample_type.bytes() as u64);
-        let workers = self.jobs as u64 * samples * 64;
-        rows + input + workers + (16 << 20)
+    /// Bytes of memory that the build takes at most.
+    pub fn memory_estimate(&self, options: &BuildOptions) -> Result<u64> {
+        let widest = |strips: Vec<Extent>| strips.iter().map(|strip| strip.columns.len() as u64).max();
+        let columns = widest(self.strips(options.memory)?).unwrap_or(0);
+        Ok(self.memory(columns))
     }
 
     /// Bytes that the finished file will have, roughly: from a bits-per-sample figure of real terrain (4.5 for 16-bit integers, 16 for

@@ -46,58 +46,97 @@ impl Done {
     }
 }
 
-/// Runs over a window of leaf tiles.
-pub fn run(
-    source: &dyn Source,
-    output: &Path,
-    options: &BuildOptions,
-    observer: &dyn Observer,
-    plan: &mut Plan,
-    window: Extent,
-) -> Result<Done> {
-    let fingerprint = source.fingerprint()?;
-    let earlier = match (options.resume, options.force) {
-        (true, _) => Earlier::Resume,
-        (false, true) => Earlier::Discard,
-        (false, false) => Earlier::Refuse,
-    };
-    let work = WorkFolder::take(output, options.force, earlier)?;
-    let mut seams = Seams::default();
-    let mut state = State {
-        tool: concat!("relevo ", env!("CARGO_PKG_VERSION")).to_owned(),
-        fingerprint,
-        info: source.info().clone(),
-        options: options.clone(),
-        next: window.rows.start,
-        window,
-        largest: 0.0,
-        mark: Mark::default(),
-        seam: ("seam-0".to_owned(), 0),
-        tally: Tally::new(plan),
-    };
-    let resumed = if work.has_state() {
-        let earlier = State::read(work.folder(), &mut seams)?;
-        earlier.check_same(&state, work.folder())?;
-        state = State { options: state.options, ..earlier };
-        true
-    } else {
-        state.largest = largest(source, options, observer)?;
-        false
-    };
-    plan.recipe = recipe(source.info(), options, state.largest)?;
-    let writer =
-        if resumed { ContainerWriter::resume(work, &state.mark)? } else { ContainerWriter::begin(work)? };
-    // The old seam file belongs to the old state until there is a new one.
-    let generation: u64 = state.seam.0.rsplit('-').next().and_then(|n| n.parse().ok()).unwrap_or(0);
-    let name = format!("seam-{}", generation + u64::from(resumed));
-    let seam = SeamFile::create(writer.work().folder().join(&name))?;
-    state.seam = (name, 0);
-    let reach = Reach::new(plan, &state.window);
-    let sweep = Sweep::new(plan, reach, (writer, state.tally.clone()), seams, seam);
-    let checkpoints = Checkpoints::new(options.checkpoint.unwrap_or(CHECKPOINT), resumed);
-    let mut run = Run { source, plan, observer, window: state.window.clone(), state, sweep, checkpoints };
-    let result = run.rows();
-    run.end(result)
+/// A work folder that has been taken, and what is to be done in it.
+pub struct Begun {
+    work: WorkFolder,
+    /// How far it is.
+    pub state: State,
+    seams: Seams,
+    resumed: bool,
+}
+
+impl Begun {
+    /// Takes the work folder of `output`, with what an earlier build of the same window left there, and completes the plan.
+    /// `strips` are kept with a new state; `largest` is the largest height of the source if that is known.
+    pub fn new(
+        source: &dyn Source,
+        output: &Path,
+        options: &BuildOptions,
+        observer: &dyn Observer,
+        plan: &mut Plan,
+        window: Extent,
+        largest: Option<f64>,
+    ) -> Result<Self> {
+        let fingerprint = source.fingerprint()?;
+        let earlier = match (options.resume, options.force) {
+            (true, _) => Earlier::Resume,
+            (false, true) => Earlier::Discard,
+            (false, false) => Earlier::Refuse,
+        };
+        let work = WorkFolder::take(output, options.force, earlier)?;
+        let mut seams = Seams::default();
+        let mut state = State {
+            tool: concat!("relevo ", env!("CARGO_PKG_VERSION")).to_owned(),
+            fingerprint,
+            info: source.info().clone(),
+            options: options.clone(),
+            next: window.rows.start,
+            window,
+            strips: Vec::new(),
+            largest: 0.0,
+            mark: Mark::default(),
+            seam: ("seam-0".to_owned(), 0),
+            tally: Tally::new(plan),
+        };
+        let resumed = work.has_state();
+        if resumed {
+            let earlier = State::read(work.folder(), &mut seams)?;
+            earlier.check_same(&state, work.folder())?;
+            state = State { options: state.options, ..earlier };
+        } else {
+            state.largest = match largest {
+                Some(largest) => largest,
+                None => self::largest(source, options, observer)?,
+            };
+        }
+        plan.recipe = recipe(source.info(), options, state.largest)?;
+        Ok(Self { work, state, seams, resumed })
+    }
+
+    /// True if nothing has been done yet.
+    pub fn is_new(&self) -> bool {
+        !self.resumed
+    }
+
+    /// The folder, to be worked in by others.
+    pub fn into_work(self) -> (WorkFolder, State) {
+        (self.work, self.state)
+    }
+
+    /// Runs over the window.
+    pub fn run(
+        self,
+        source: &dyn Source,
+        options: &BuildOptions,
+        observer: &dyn Observer,
+        plan: &Plan,
+    ) -> Result<Done> {
+        let Self { work, mut state, seams, resumed } = self;
+        let writer =
+            if resumed { ContainerWriter::resume(work, &state.mark)? } else { ContainerWriter::begin(work)? };
+        // The old seam file belongs to the old state until there is a new one.
+        let generation: u64 = state.seam.0.rsplit('-').next().and_then(|n| n.parse().ok()).unwrap_or(0);
+        let name = format!("seam-{}", generation + u64::from(resumed));
+        let seam = SeamFile::create(writer.work().folder().join(&name))?;
+        state.seam = (name, 0);
+        let reach = Reach::new(plan, &state.window);
+        let sweep = Sweep::new(plan, reach, (writer, state.tally.clone()), seams, seam);
+        let checkpoints = Checkpoints::new(options.checkpoint.unwrap_or(CHECKPOINT), resumed);
+        let window = state.window.clone();
+        let mut run = Run { source, plan, observer, window, state, sweep, checkpoints };
+        let result = run.rows();
+        run.end(result)
+    }
 }
 
 /// The largest height, which quantising needs first: one more pass over the source.

@@ -36,6 +36,8 @@ pub struct State {
     pub options: BuildOptions,
     /// Which leaf tiles it is to make.
     pub window: Extent,
+    /// Strips of the window that are built one after the other, each in a folder of its own; empty if it is built in one go.
+    pub strips: Vec<Extent>,
     /// Largest height, if the options ask for a precision.
     pub largest: f64,
     /// Rows of leaf tiles from the window's first up to this one are finished.
@@ -69,7 +71,9 @@ impl State {
         let bytes = fs::read(&path).map_err(|source| Error::io(&path, "read it", source))?;
         let (state, items) = Self::decode(&bytes).map_err(|error| error.at(&path))?;
         seams.add(&path, items as u64, bytes.len() as u64)?;
-        seams.add(&folder.join(&state.seam.0), 0, state.seam.1)?;
+        if state.seam.1 > 0 {
+            seams.add(&folder.join(&state.seam.0), 0, state.seam.1)?;
+        }
         Ok(state)
     }
 

@@ -15,7 +15,7 @@ use crate::pipeline::reach::Reach;
 use crate::pipeline::seam::{Item, SeamFile, Seams, encode_all};
 use crate::pipeline::tally::Tally;
 use crate::pipeline::work::{Finished, Work};
-use crate::sample::Lattice;
+use crate::sample::{Lattice, VOID};
 use crate::tile::TileId;
 use crate::tile::fill::{self, Fill, Neighbourhood};
 
@@ -52,6 +52,20 @@ pub struct TileRow {
 impl TileRow {
     fn lattice(&self, x: u32) -> Option<&Lattice> {
         self.slots.get(x.checked_sub(self.first)? as usize)?.lattice()
+    }
+
+    /// The row without the tiles that nobody in the row to the south will look at: only fills look, and only voids are filled.
+    fn needed_by(mut self, south: &Self) -> Self {
+        let has_void = |slot: &Slot| matches!(slot, Slot::Work(work) if work.lattice.state.contains(&VOID));
+        let looks: Vec<bool> = south.slots.iter().map(has_void).collect();
+        let looked_at = |x: u32| {
+            let around = x.saturating_sub(1)..=x + 1;
+            around.filter_map(|x| looks.get(x.checked_sub(south.first)? as usize)).any(|&looks| looks)
+        };
+        for (_, slot) in (self.first..).zip(&mut self.slots).filter(|(x, _)| !looked_at(*x)) {
+            *slot = Slot::Empty;
+        }
+        self
     }
 
     /// What the tiles in some columns leave: their rims if they are finished, else their quarters.
@@ -199,7 +213,7 @@ impl<'a> Sweep<'a> {
         };
         self.leave(level, &row)?;
         let y = row.y;
-        self.levels[usize::from(level)].north = Some(row);
+        self.levels[usize::from(level)].north = south.map(|south| row.needed_by(south));
         quarters.map_or(Ok(()), |quarters| self.stack(level, y, quarters))
     }
 

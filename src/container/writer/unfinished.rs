@@ -6,7 +6,9 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::{BUFFER, ContainerWriter, LevelFile, RECORDS, level_file, level_name, open, spent};
+use super::{
+    ADOPTED, Adopted, BUFFER, ContainerWriter, LevelFile, RECORDS, level_file, level_name, open, spent,
+};
 use crate::container::assemble::Tree;
 use crate::container::directory::TileEntry;
 use crate::container::records;
@@ -34,7 +36,11 @@ impl ContainerWriter {
             let name = level_name(level);
             let mut file = open(&work.path(&name), false).map_err(|source| failed(&name, source))?;
             cut(&mut file, end).map_err(|source| failed(&name, source))?;
-            files.push(Some(LevelFile { file: BufWriter::with_capacity(BUFFER, file), end }));
+            files.push(Some(LevelFile {
+                file: BufWriter::with_capacity(BUFFER, file),
+                end,
+                adopted: Vec::new(),
+            }));
         }
         let records = BufWriter::with_capacity(BUFFER, file);
         let mut writer =
@@ -45,7 +51,8 @@ impl ContainerWriter {
         Ok(writer)
     }
 
-    /// Takes over all tiles of a finished piece, the folder `piece`, as they were at its mark.
+    /// Takes over all tiles of a finished piece, the folder `piece`, as they were at its mark. Their chunks stay where they are until
+    /// the file is put together.
     pub fn adopt(&mut self, piece: &Path, mark: &Mark) -> Result<()> {
         let path = piece.join(RECORDS);
         let mut file = File::open(&path).map_err(|source| Error::io(&path, "open", source))?;
@@ -53,23 +60,19 @@ impl ContainerWriter {
         let mut bases = Vec::with_capacity(mark.levels.len());
         for (level, &end) in mark.levels.iter().enumerate() {
             let path = piece.join(level_name(level));
-            let from = File::open(&path).map_err(|source| Error::io(&path, "open", source))?;
-            let to = level_file(&mut self.files, level, &self.work)
-                .map_err(|source| self.work.failed("begin a level", source))?;
-            bases.push(to.end);
-            self.failed = true;
-            let copied = std::io::copy(&mut from.take(end), &mut to.file)
-                .map_err(|source| self.work.failed(&format!("copy {}", path.display()), source))?;
-            if copied != end {
-                return Err(Error::format("chunks", format!("{end} bytes"), copied).at(&path));
+            let file = File::open(&path).map_err(|source| Error::io(&path, "open", source))?;
+            let length = file.metadata().map_err(|source| Error::io(&path, "look at it", source))?.len();
+            if length < end {
+                return Err(Error::format("chunks", format!("{end} bytes"), length).at(&path));
             }
-            self.failed = false;
-            to.end += end;
+            let level = level_file(&mut self.files, level, &self.work)
+                .map_err(|source| self.work.failed("begin a level", source))?;
+            let base = level.adopted.last().map_or(ADOPTED, |adopted| adopted.end);
+            bases.push(base);
+            level.adopted.push(Adopted { base, end: base + end, file });
         }
         for mut entry in entries {
             entry.chunks.offset += bases[usize::from(entry.id.level)];
-            self.tree.check_new(entry.id)?;
-            self.record(&entry).map_err(|source| self.work.failed("list a tile", source))?;
             self.push(entry)?;
         }
         Ok(())

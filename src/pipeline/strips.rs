@@ -1,0 +1,113 @@
+//! A build within a limit of memory: strips of columns one after the other, each a window of its own, then merged.
+//!
+//! Memory grows with the width of what is worked on at once. The strips lie as pieces in the work folder of the output; one that is
+//! finished is not built again when the build is resumed, and one that is not goes on from its own checkpoint.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use crate::error::{Error, Result};
+use crate::pipeline::plan::Plan;
+use crate::pipeline::reach::Extent;
+use crate::pipeline::run::Begun;
+use crate::pipeline::{BuildOptions, Observer, Report, Stage, merge};
+use crate::source::Source;
+
+/// Bytes that the program takes before it has read a sample.
+const PROGRAM: u64 = 24 << 20;
+/// Columns of tiles beside a strip that are read with it.
+const HALO: u64 = 2;
+
+/// Builds the strips that are not there yet, and joins them.
+pub fn build(
+    source: &dyn Source,
+    begun: Begun,
+    strips: Vec<Extent>,
+    options: &BuildOptions,
+    observer: &dyn Observer,
+    plan: &Plan,
+    start: Instant,
+) -> Result<Report> {
+    let new = begun.is_new();
+    let (mut work, mut state) = begun.into_work();
+    if new {
+        state.strips = strips;
+        // From here on there is something to resume.
+        work.write_state(&state.encode(&[])?)?;
+    }
+    let pieces: Vec<PathBuf> =
+        (0..state.strips.len()).map(|i| work.folder().join(format!("strip-{i:03}"))).collect();
+    for (i, (strip, piece)) in state.strips.iter().zip(&pieces).enumerate() {
+        if piece.is_dir() {
+            continue;
+        }
+        let options = BuildOptions { resume: true, force: false, ..options.clone() };
+        let observer = Strip { observer, before: i as u64, of: pieces.len() as u64 };
+        let mut plan = plan.clone();
+        let largest = Some(state.largest);
+        let begun = Begun::new(source, piece, &options, &observer, &mut plan, strip.clone(), largest)?;
+        begun.run(source, &options, &observer, &plan)?.into_piece()?;
+    }
+    merge::join(&pieces, || Ok(work), observer, start)
+}
+
+/// Tells of the strips as of one build.
+struct Strip<'a> {
+    observer: &'a dyn Observer,
+    before: u64,
+    of: u64,
+}
+
+impl Observer for Strip<'_> {
+    fn rows(&self, stage: Stage, done: u64, total: u64) {
+        self.observer.rows(stage, self.before * total + done, self.of * total);
+    }
+
+    fn cancelled(&self) -> bool {
+        self.observer.cancelled()
+    }
+}
+
+impl Plan {
+    /// The windows to build one after the other so that none needs more than `limit` bytes: as few as possible, about equally wide.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if that is not enough for a strip of one tile.
+    pub fn strips(&self, limit: Option<u64>) -> Result<Vec<Extent>> {
+        let all = Extent::of_level(self, self.levels);
+        let columns = u64::from(all.columns.end);
+        let Some(limit) = limit.filter(|&limit| self.memory(columns) > limit) else { return Ok(vec![all]) };
+        let fits = |count: &u64| self.memory(columns.div_ceil(*count) + HALO) <= limit;
+        let Some(count) = (2..=columns).find(fits) else {
+            return Err(Error::usage(format!(
+                "--memory: a strip of tiles of {} x {} takes about {} MiB on {} threads; allow more, or use smaller tiles or \
+                 fewer threads",
+                self.tile,
+                self.tile,
+                self.memory(1 + HALO).div_ceil(1 << 20),
+                self.jobs
+            )));
+        };
+        let column = |i: u64| (columns * i / count) as u32;
+        Ok((0..count).map(|i| Extent { columns: column(i)..column(i + 1), rows: all.rows.clone() }).collect())
+    }
+
+    /// Bytes of memory that a sweep over this many columns of leaf tiles takes at most.
+    ///
+    /// With lattices of `S = (T + 1)^2 s` bytes (s = 5, or 9 for float64), blocks of `B = 9 T^2`, and quarters a fourth of both: the leaf
+    /// level has four rows of lattices (north, current, the next, and one that is being read), the raw samples of one band and two
+    /// rows of quarters; every level above, half as wide as the one below, has three rows of lattices, two with blocks,
+    /// and two rows of quarters. Each thread has its buffers, and the program itself takes some. `BENCHMARKS.md` holds it against
+    /// measured peaks.
+    pub fn memory(&self, columns: u64) -> u64 {
+        let samples = ((self.tile + 1) * (self.tile + 1)) as u64;
+        let lattice = samples * if self.recipe.coding.has_low() { 9 } else { 5 };
+        let blocks = (self.tile * self.tile) as u64 * 9;
+        let quarters = (lattice + blocks) / 2;
+        let mut total = columns * (4 * lattice + samples * self.sample_bytes as u64 + quarters);
+        for level in 0..u32::from(self.levels) {
+            total += (columns.div_ceil(2 << level) + 1) * (3 * lattice + 2 * blocks + quarters);
+        }
+        total + self.jobs as u64 * samples * 64 + PROGRAM
+    }
+}
