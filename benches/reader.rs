@@ -1,45 +1,136 @@
-//! Reading a whole file: every leaf, in storage order, with its ancestors through the cache.
+//! Reading a file: opening it, a leaf out of nothing, every leaf in storage order by one thread and by several.
 
 #![expect(clippy::expect_used, reason = "a benchmark that cannot go on says why")]
 
-use std::path::Path;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{
+    BatchSize, BenchmarkGroup, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main,
+};
 use relevo::container::Reader;
+use relevo::geo::Geo;
 use relevo::limits::Limits;
 use relevo::pipeline::{self, BuildOptions, Silent};
-use relevo::source;
+use relevo::sample::{Lattice, SampleType};
+use relevo::source::{self, Fingerprint, Samples, Source, SourceInfo, Window};
+use relevo::{Result, TileId};
 
-fn every_leaf(criterion: &mut Criterion) {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let folder = tempfile::tempdir().expect("folder");
-    let mut group = criterion.benchmark_group("every_leaf");
-    for (name, dem) in [
-        ("float32", "fixtures/dem/co_elevation_float32_lzw.tif"),
-        ("int16", "../shared/data/bigtujunga_utm11_int16.tif"),
-        ("int16_voids", "../shared/data/mt_rainier_srtm3_int16_voids.tif"),
-    ] {
-        let dem = root.join(dem);
-        if !dem.exists() {
-            eprintln!("{} is not there: not measured", dem.display());
-            continue;
-        }
-        let output = folder.path().join(name);
-        let source = source::open(&dem, &Limits::default()).expect("source");
-        pipeline::build(&*source, &output, &BuildOptions::default(), &Silent).expect("build");
-        let leaves = Reader::open(&output).expect("open").leaves().expect("leaves");
-        // Samples that are stored: three quarters of each tile and all of the root.
-        let tiles = Reader::open(&output).expect("open").header().tile_count;
-        group.throughput(Throughput::Elements(tiles * 257 * 257 * 3 / 4));
-        group.bench_function(name, |bencher| {
-            bencher.iter(|| {
-                let reader = Reader::open(&output).expect("open");
-                leaves.iter().map(|&id| reader.read_tile(id).expect("tile").code[0]).max()
-            });
-        });
-    }
-    group.finish();
+/// Side of the rasters that are made here: 8 x 8 leaves.
+const SIDE: u32 = 2049;
+
+/// Rough hills of about 3 bits a sample, with lakes if asked for.
+struct Hills {
+    info: SourceInfo,
+    lakes: bool,
 }
 
-criterion_group!(benches, every_leaf);
+impl Hills {
+    fn new(lakes: bool) -> Self {
+        let info = SourceInfo {
+            width: SIDE,
+            height: SIDE,
+            sample_type: SampleType::Int16,
+            nodata: Some(-32768.0),
+            band_scale: 1.0,
+            band_offset: 0.0,
+            vertical_unit: (1.0, String::new()),
+            geo: Geo::default(),
+            description: "hills".into(),
+            block_rows: 1,
+        };
+        Self { info, lakes }
+    }
+
+    fn height(&self, x: u32, y: u32) -> i16 {
+        let (u, v) = (f64::from(x), f64::from(y));
+        let (wide, narrow) = ((u / 70.0).sin() * (v / 50.0).cos(), ((u + v) / 8.0).sin());
+        let mixed =
+            (x.wrapping_mul(2_654_435_761) ^ y.wrapping_mul(2_246_822_519)).wrapping_mul(3_266_489_917);
+        let noise = f64::from(mixed >> 24) / 256.0 + f64::from(mixed >> 16 & 255) / 256.0;
+        if self.lakes && wide < -0.8 {
+            -32768
+        } else {
+            (1500.0 + 400.0 * wide + 40.0 * narrow + 3.0 * noise) as i16
+        }
+    }
+}
+
+impl Source for Hills {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window> {
+        let heights = rows.flat_map(|y| columns.clone().map(move |x| self.height(x, y)));
+        Ok(Window { samples: Samples::Int16(heights.collect()), mask: None })
+    }
+
+    fn fingerprint(&self) -> Result<Fingerprint> {
+        Ok(Fingerprint { files: Vec::new() })
+    }
+}
+
+fn build(folder: &Path, name: &str, source: &dyn Source) -> PathBuf {
+    let output = folder.join(name);
+    pipeline::build(source, &output, &BuildOptions::default(), &Silent).expect("build");
+    output
+}
+
+/// Reads every leaf once, some at a time to a thread.
+fn every_leaf(path: &Path, leaves: &[TileId], threads: usize) {
+    let reader = Reader::open(path).expect("open");
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let mut tile = Lattice::default();
+        while let Some(rest) = leaves.get(next.fetch_add(16, Ordering::Relaxed)..) {
+            rest.iter().take(16).for_each(|&id| reader.read_tile_into(id, &mut tile).expect("tile"));
+        }
+    };
+    std::thread::scope(|scope| (0..threads).for_each(|_| drop(scope.spawn(work))));
+}
+
+fn reading(group: &mut BenchmarkGroup<'_, criterion::measurement::WallTime>, path: &Path) {
+    let reader = Reader::open(path).expect("open");
+    let leaves = reader.leaves().expect("leaves");
+    group.bench_function("open", |bencher| bencher.iter(|| Reader::open(path).expect("open")));
+    let mut turn = 0;
+    group.bench_function("cold leaf", |bencher| {
+        let fresh = || {
+            turn = (turn + 29) % leaves.len();
+            (Reader::open(path).expect("open"), leaves[turn])
+        };
+        bencher.iter_batched(
+            fresh,
+            |(reader, id)| reader.read_tile(id).expect("tile"),
+            BatchSize::PerIteration,
+        );
+    });
+    let header = reader.header();
+    group.throughput(Throughput::Elements(u64::from(header.width) * u64::from(header.height)));
+    let all = std::thread::available_parallelism().map_or(1, usize::from);
+    for threads in if all > 1 { vec![1, all] } else { vec![1] } {
+        group.bench_function(BenchmarkId::new("every leaf, threads", threads), |bencher| {
+            bencher.iter(|| every_leaf(path, &leaves, threads));
+        });
+    }
+}
+
+fn reader(criterion: &mut Criterion) {
+    let folder = tempfile::tempdir().expect("folder");
+    let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dem/co_elevation_float32_lzw.tif");
+    let fixture = source::open(&fixture, &Limits::default()).expect("fixture");
+    let sources: [(&str, &dyn Source); 3] = [
+        ("int16", &Hills::new(false)),
+        ("int16 with lakes", &Hills::new(true)),
+        ("float32 fixture", &*fixture),
+    ];
+    for (name, source) in sources {
+        let path = build(folder.path(), name, source);
+        reading(&mut criterion.benchmark_group(name), &path);
+    }
+}
+
+criterion_group!(benches, reader);
 criterion_main!(benches);

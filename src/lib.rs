@@ -43,6 +43,7 @@ pub mod container;
 pub mod error;
 pub mod error_code;
 pub mod export;
+mod file;
 pub mod geo;
 pub mod geotiff_write;
 pub mod hillshade;

@@ -7,8 +7,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Layer of each top module of the library; see ARCHITECTURE.md.
-const LAYERS: [(&str, u8); 19] = [
+const LAYERS: [(&str, u8); 20] = [
     ("error", 0),
+    ("file", 0),
     ("error_code", 0),
     ("limits", 0),
     ("geo", 0),

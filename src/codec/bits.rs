@@ -1,6 +1,7 @@
 //! Residuals as a byte plane with escapes and raw low bits (`format-spec.md`, section 9.1); rows of single bits.
 
 use crate::error::{Error, Result};
+use crate::simd::{self, Kernel};
 
 /// Most low bits a residual may store raw.
 pub const MAX_RAW_BITS: u32 = 24;
@@ -12,13 +13,13 @@ const SLACK: usize = 8;
 const BINS: usize = 4096;
 
 /// Residual as a number without sign: 0, -1, 1, -2, ... become 0, 1, 2, 3, ...
-#[inline]
+#[inline(always)]
 pub fn zigzag(residual: i32) -> u32 {
     ((residual << 1) ^ (residual >> 31)) as u32
 }
 
 /// Inverse of [`zigzag`].
-#[inline]
+#[inline(always)]
 pub fn unzigzag(zigzag: u32) -> i32 {
     (zigzag >> 1) as i32 ^ -((zigzag & 1) as i32)
 }
@@ -28,10 +29,31 @@ pub fn raw_length(count: usize, k: u32) -> usize {
     (count * k as usize).div_ceil(8)
 }
 
+/// Sets bytes to the high bits of residuals, 255 for all from 255 on.
+struct HighBytes<'a> {
+    residuals: &'a [u32],
+    k: u32,
+    bytes: &'a mut [u8],
+}
+
+impl Kernel for HighBytes<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { residuals, k, bytes } = self;
+        let bytes = &mut bytes[..residuals.len()];
+        for i in 0..residuals.len() {
+            bytes[i] = (residuals[i] >> k).min(255) as u8;
+        }
+    }
+}
+
 /// Appends the byte plane of `residuals` (zigzag), escapes included.
 pub fn write_plane(residuals: &[u32], k: u32, out: &mut Vec<u8>) {
     let start = out.len();
-    out.extend(residuals.iter().map(|&g| (g >> k).min(255) as u8));
+    out.resize(start + residuals.len(), 0);
+    simd::run(HighBytes { residuals, k, bytes: &mut out[start..] });
     // Escapes are rare: look for them a block at a time.
     for (block, residuals) in residuals.chunks(64).enumerate() {
         let bytes = &out[start + 64 * block..][..residuals.len()];

@@ -3,6 +3,7 @@
 //! Level 1 throughout: on residuals the higher levels are larger, because short matches crowd out Huffman codes.
 
 use std::cell::RefCell;
+use std::io::Cursor;
 use std::ops::RangeInclusive;
 
 use zstd::zstd_safe::zstd_sys::ZSTD_EndDirective;
@@ -29,28 +30,32 @@ pub fn compress(content: &[u8], out: &mut Vec<u8>) -> Result<()> {
 pub fn compress_parts(content: &[u8], cuts: &[usize], out: &mut Vec<u8>) -> Result<()> {
     let start = out.len();
     // A block costs 3 bytes at most beyond what the bound allows for.
-    out.resize(start + zstd_safe::compress_bound(content.len()) + 8 * cuts.len(), 0);
+    out.reserve(zstd_safe::compress_bound(content.len()) + 8 * cuts.len());
     let written = COMPRESSOR.with_borrow_mut(|context| {
         let context = match context {
             Some(context) => context,
             None => context.insert(new_compressor()?),
         };
         if cuts.is_empty() {
-            context.compress2(&mut out[start..], content)
+            let mut behind = Cursor::new(&mut *out);
+            behind.set_position(start as u64);
+            context.compress2(&mut behind, content).map(|_| ())
         } else {
-            stream(context, content, cuts, &mut out[start..])
+            stream(context, content, cuts, out)
         }
     });
-    let written = written.map_err(|code| failed("compress", content.len(), code))?;
-    out.truncate(start + written);
-    Ok(())
+    written.map_err(|code| {
+        out.truncate(start);
+        failed("compress", content.len(), code)
+    })
 }
 
-/// Compresses into `out` with a new block at every cut. Gives the length.
-fn stream(context: &mut CCtx<'_>, content: &[u8], cuts: &[usize], out: &mut [u8]) -> Result<usize, usize> {
+/// Compresses to the end of `out`, which has the room, with a new block at every cut.
+fn stream(context: &mut CCtx<'_>, content: &[u8], cuts: &[usize], out: &mut Vec<u8>) -> Result<(), usize> {
     context.reset(ResetDirective::SessionOnly)?;
     context.set_pledged_src_size(Some(content.len() as u64))?;
-    let mut output = OutBuffer::around(out);
+    let start = out.len();
+    let mut output = OutBuffer::around_pos(out, start);
     let mut done = 0;
     for &cut in cuts.iter().filter(|cut| **cut < content.len()) {
         let mut input = InBuffer::around(&content[done..cut.max(done)]);
@@ -59,7 +64,7 @@ fn stream(context: &mut CCtx<'_>, content: &[u8], cuts: &[usize], out: &mut [u8]
     }
     let mut input = InBuffer::around(&content[done..]);
     while context.compress_stream2(&mut output, &mut input, ZSTD_EndDirective::ZSTD_e_end)? > 0 {}
-    Ok(output.pos())
+    Ok(())
 }
 
 /// A context that writes frames of this module's kind.
@@ -103,9 +108,9 @@ pub fn decompress(frame: &[u8], sizes: RangeInclusive<usize>, place: &str, out: 
         }
     }
     out.clear();
-    out.resize(size, 0);
+    out.reserve(size);
     let decoded = DECOMPRESSOR
-        .with_borrow_mut(|context| context.get_or_insert_with(DCtx::create).decompress(&mut out[..], frame));
+        .with_borrow_mut(|context| context.get_or_insert_with(DCtx::create).decompress(out, frame));
     match decoded {
         Ok(length) if length == size => Ok(()),
         Ok(length) => Err(Error::format(place, format!("{size} bytes of content"), length)),

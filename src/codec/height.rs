@@ -8,6 +8,7 @@ use crate::codec::walk::{Decoder, Encoder, Places};
 use crate::codec::{Scratch, bits, decimal, frame, order};
 use crate::error::{Error, Result};
 use crate::sample::{Coding, Lattice, VALID, VOID};
+use crate::simd::{self, Kernel};
 
 /// Bytes before the byte plane.
 const HEAD: usize = 12;
@@ -220,11 +221,37 @@ fn check_shape(lattice: &Lattice, coding: Coding) -> Result<()> {
 
 /// Smallest and largest code of the samples with a height.
 fn range(codes: &[i32], places: Places<'_>) -> Option<(i32, i32)> {
-    let widen = |(low, high): (i32, i32), &code: &i32| (low.min(code), high.max(code));
-    let live = codes.iter().zip(places.state).filter(|(_, state)| **state != VOID).map(|(code, _)| code);
-    let none = (i32::MAX, i32::MIN);
-    let (low, high) = if places.has_void { live.fold(none, widen) } else { codes.iter().fold(none, widen) };
+    let (low, high) = simd::run(LiveRange { codes, places });
     (low <= high).then_some((low, high))
+}
+
+/// [`range`]; the larger first if there is no sample with a height.
+struct LiveRange<'a> {
+    codes: &'a [i32],
+    places: Places<'a>,
+}
+
+impl Kernel for LiveRange<'_> {
+    type Output = (i32, i32);
+
+    #[inline(always)]
+    fn run(self) -> (i32, i32) {
+        let Self { codes, places } = self;
+        let (mut low, mut high) = (i32::MAX, i32::MIN);
+        if places.has_void {
+            let state = &places.state[..codes.len()];
+            for i in 0..codes.len() {
+                let live = state[i] != VOID;
+                low = low.min(if live { codes[i] } else { i32::MAX });
+                high = high.max(if live { codes[i] } else { i32::MIN });
+            }
+        } else {
+            for &code in codes {
+                (low, high) = (low.min(code), high.max(code));
+            }
+        }
+        (low, high)
+    }
 }
 
 /// True if all samples with a height have the same.

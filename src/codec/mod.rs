@@ -13,6 +13,7 @@ pub mod table;
 
 mod bits;
 mod decimal;
+mod neighbours;
 #[cfg(test)]
 mod oracle;
 mod order;

@@ -35,9 +35,8 @@ impl Row {
     /// Appends the row's samples of `plane`: faster than [`Row::of`] where it counts, in every second sample.
     pub fn gather<T: Copy>(self, plane: &[T], out: &mut Vec<T>) {
         if self.step == 2 {
-            let pairs = plane[self.first..self.end()].chunks_exact(2);
-            let last = pairs.remainder();
-            out.extend(pairs.map(|pair| pair[0]));
+            let (pairs, last) = plane[self.first..self.end()].as_chunks::<2>();
+            out.extend(pairs.iter().map(|pair| pair[0]));
             out.extend_from_slice(last);
         } else {
             out.extend(self.of(plane));

@@ -3,7 +3,9 @@
 //! Samples stand in planes with one sample of padding around them, so that every row is predicted by the same
 //! branch-free loop. The arithmetic is generic: 64 bits always suffice, 32 bits do for a *narrow* tile.
 
+use crate::codec::neighbours::{Neighbours, Predict};
 use crate::codec::probe::Probe;
+use crate::simd::{self, Kernel};
 
 /// Integers that predictions are computed in. All operations wrap.
 pub trait Word: Copy + Default {
@@ -26,70 +28,70 @@ pub trait Word: Copy + Default {
 }
 
 impl Word for i32 {
-    #[inline]
+    #[inline(always)]
     fn from_code(code: i32, base: i32) -> Self {
         code.wrapping_sub(base)
     }
-    #[inline]
+    #[inline(always)]
     fn code(self, base: i32) -> i32 {
         self.wrapping_add(base)
     }
-    #[inline]
+    #[inline(always)]
     fn plus(self, other: Self) -> Self {
         self.wrapping_add(other)
     }
-    #[inline]
+    #[inline(always)]
     fn minus(self, other: Self) -> Self {
         self.wrapping_sub(other)
     }
-    #[inline]
+    #[inline(always)]
     fn up(self, bits: u32) -> Self {
         self << bits
     }
-    #[inline]
+    #[inline(always)]
     fn times(self, factor: i32) -> Self {
         self.wrapping_mul(factor)
     }
-    #[inline]
+    #[inline(always)]
     fn magnitude(self) -> u64 {
         u64::from(self.unsigned_abs())
     }
-    #[inline]
+    #[inline(always)]
     fn rounded_down(self, bits: u32) -> Self {
         self.wrapping_add(1 << (bits - 1)) >> bits
     }
 }
 
 impl Word for i64 {
-    #[inline]
+    #[inline(always)]
     fn from_code(code: i32, base: i32) -> Self {
         Self::from(code) - Self::from(base)
     }
-    #[inline]
+    #[inline(always)]
     fn code(self, base: i32) -> i32 {
         (self as i32).wrapping_add(base)
     }
-    #[inline]
+    #[inline(always)]
     fn plus(self, other: Self) -> Self {
         self.wrapping_add(other)
     }
-    #[inline]
+    #[inline(always)]
     fn minus(self, other: Self) -> Self {
         self.wrapping_sub(other)
     }
-    #[inline]
+    #[inline(always)]
     fn up(self, bits: u32) -> Self {
         self << bits
     }
-    #[inline]
+    #[inline(always)]
     fn times(self, factor: i32) -> Self {
         self.wrapping_mul(Self::from(factor))
     }
-    #[inline]
+    #[inline(always)]
     fn magnitude(self) -> u64 {
         self.unsigned_abs()
     }
-    #[inline]
+    #[inline(always)]
     fn rounded_down(self, bits: u32) -> Self {
         self.wrapping_add(1 << (bits - 1)) >> bits
     }
@@ -124,9 +126,7 @@ impl<W: Word> Plane<W> {
 
     /// Sets row `row` to `codes` relative to `base`.
     pub fn set_row(&mut self, row: usize, codes: &[i32], base: i32) {
-        for (sample, &code) in self.row_mut(row).iter_mut().zip(codes) {
-            *sample = W::from_code(code, base);
-        }
+        simd::run(SetRow { row: self.row_mut(row), codes, base });
     }
 
     /// Continues rows and columns by one sample in a straight line; a single sample by itself.
@@ -142,6 +142,26 @@ impl<W: Word> Plane<W> {
             let (last, before) = (self.data[at(height)], self.data[at((height - 1).max(1))]);
             self.data[at(0)] = beyond(first, second);
             self.data[at(height + 1)] = beyond(last, before);
+        }
+    }
+}
+
+/// Sets samples to codes relative to `base`.
+struct SetRow<'a, W> {
+    row: &'a mut [W],
+    codes: &'a [i32],
+    base: i32,
+}
+
+impl<W: Word> Kernel for SetRow<'_, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let (row, codes) = (self.row, self.codes);
+        let codes = &codes[..row.len()];
+        for a in 0..row.len() {
+            row[a] = W::from_code(codes[a], self.base);
         }
     }
 }
@@ -192,33 +212,6 @@ pub struct Planes<W> {
     pub(super) probe: Probe<W>,
 }
 
-/// Sums of neighbours, of which predictions are made.
-pub struct Sums<W> {
-    /// The four nearest.
-    pub near: W,
-    /// Twice those less the eight around them.
-    pub bend: W,
-    /// Four times east and west less north and south, likewise less the eight around them.
-    pub tilt: W,
-}
-
-impl<W: Word> Sums<W> {
-    /// From the two nearest and the four farther samples to the east and west, and to the north and south.
-    #[inline]
-    fn new(near: [W; 2], far: [W; 2]) -> Self {
-        let (sum, rest) = (near[0].plus(near[1]), far[0].plus(far[1]));
-        let tilt = near[0].minus(near[1]).up(2).minus(far[0].minus(far[1]));
-        Self { near: sum, bend: sum.up(1).minus(rest), tilt }
-    }
-
-    /// The prediction.
-    #[inline]
-    fn weighted(&self, weights: Weights) -> W {
-        let straight = self.near.up(5).plus(self.bend.times(weights.sharpness));
-        straight.plus(self.tilt.times(weights.skew)).rounded_down(7)
-    }
-}
-
 impl<W: Word> Planes<W> {
     /// Starts a stage of `(m + 1)^2` parents, given row by row with their void samples replaced.
     pub fn start(&mut self, m: usize, parents: &[i32], base: i32) {
@@ -243,21 +236,20 @@ impl<W: Word> Planes<W> {
 
     /// Predicts row `b` of the centres.
     pub fn predict_centres(&self, b: usize, sharpness: i32, out: &mut [i32]) {
-        let weights = Weights { sharpness, skew: 0 };
-        let base = self.base;
-        self.centres(b, out.len(), |a, sums| out[a] = sums.weighted(weights).code(base));
+        let (from, weights) = (self.centres(b, out.len()), Weights { sharpness, skew: 0 });
+        simd::run(Predict { from, weights, base: self.base, out });
     }
 
     /// Predicts row `b` of H.
     pub fn predict_horizontals(&self, b: usize, weights: Weights, out: &mut [i32]) {
         let (m, base) = (out.len(), self.base);
         if b == 0 || b == m {
-            let (ww, w, e, ee) = quartet(self.parents.padded(b + 1), m);
+            let [ww, w, e, ee] = quartet(self.parents.padded(b + 1), m);
             for a in 0..m {
                 out[a] = four_taps(w[a].plus(e[a]), ww[a].plus(ee[a])).code(base);
             }
         } else {
-            self.horizontals(b, m, |a, sums| out[a] = sums.weighted(weights).code(base));
+            simd::run(Predict { from: self.horizontals(b, m), weights, base, out });
         }
     }
 
@@ -270,60 +262,47 @@ impl<W: Word> Planes<W> {
             let (near, far) = (upper[a + 1].plus(lower[a + 1]), above[a + 1].plus(below[a + 1]));
             out[a] = four_taps(near, far).code(base);
         }
-        let inner = &mut out[1..m];
-        self.verticals(b, inner.len(), |a, sums| inner[a] = sums.weighted(weights).code(base));
+        simd::run(Predict { from: self.verticals(b, m - 1), weights, base, out: &mut out[1..m] });
     }
 
     /// The neighbours of row `b` of the centres.
-    #[inline]
-    pub(super) fn centres(&self, b: usize, m: usize, mut take: impl FnMut(usize, Sums<W>)) {
-        let (above, upper) = (self.parents.padded(b), self.parents.padded(b + 1));
-        let (lower, below) = (self.parents.padded(b + 2), self.parents.padded(b + 3));
-        let (above_w, above_e) = (&above[1..=m], &above[2..m + 2]);
-        let (below_w, below_e) = (&below[1..=m], &below[2..m + 2]);
-        let (upper_ww, upper_w, upper_e, upper_ee) = quartet(upper, m);
-        let (lower_ww, lower_w, lower_e, lower_ee) = quartet(lower, m);
-        for a in 0..m {
-            let near = [upper_w[a].plus(upper_e[a]), lower_w[a].plus(lower_e[a])];
-            let sides = upper_ww[a].plus(upper_ee[a]).plus(lower_ww[a]).plus(lower_ee[a]);
-            let ends = above_w[a].plus(above_e[a]).plus(below_w[a]).plus(below_e[a]);
-            take(a, Sums::new(near, [sides, ends]));
+    pub(super) fn centres(&self, b: usize, m: usize) -> Neighbours<'_, W> {
+        let [_, above_w, above_e] = triplet(self.parents.padded(b), m);
+        let [upper_ww, upper_w, upper_e, upper_ee] = quartet(self.parents.padded(b + 1), m);
+        let [lower_ww, lower_w, lower_e, lower_ee] = quartet(self.parents.padded(b + 2), m);
+        let [_, below_w, below_e] = triplet(self.parents.padded(b + 3), m);
+        Neighbours {
+            near: [upper_w, upper_e, lower_w, lower_e],
+            sides: [upper_ww, upper_ee, lower_ww, lower_ee],
+            ends: [above_w, above_e, below_w, below_e],
         }
     }
 
     /// The neighbours of an inner row of H.
-    #[inline]
-    pub(super) fn horizontals(&self, b: usize, m: usize, mut take: impl FnMut(usize, Sums<W>)) {
-        let row = self.parents.padded(b + 1);
-        let (w, e) = (&row[1..=m], &row[2..m + 2]);
-        let (above, below) = (self.parents.padded(b), self.parents.padded(b + 2));
-        let (above_w, above_e) = (&above[1..=m], &above[2..m + 2]);
-        let (below_w, below_e) = (&below[1..=m], &below[2..m + 2]);
-        let (north_w, north, north_e) = triplet(self.centres.padded(b), m);
-        let (south_w, south, south_e) = triplet(self.centres.padded(b + 1), m);
-        for a in 0..m {
-            let near = [w[a].plus(e[a]), north[a].plus(south[a])];
-            let sides = north_w[a].plus(south_w[a]).plus(north_e[a]).plus(south_e[a]);
-            let ends = above_w[a].plus(above_e[a]).plus(below_w[a]).plus(below_e[a]);
-            take(a, Sums::new(near, [sides, ends]));
+    pub(super) fn horizontals(&self, b: usize, m: usize) -> Neighbours<'_, W> {
+        let [_, above_w, above_e] = triplet(self.parents.padded(b), m);
+        let [_, west, east] = triplet(self.parents.padded(b + 1), m);
+        let [_, below_w, below_e] = triplet(self.parents.padded(b + 2), m);
+        let [north_w, north, north_e] = triplet(self.centres.padded(b), m);
+        let [south_w, south, south_e] = triplet(self.centres.padded(b + 1), m);
+        Neighbours {
+            near: [west, east, north, south],
+            sides: [north_w, south_w, north_e, south_e],
+            ends: [above_w, above_e, below_w, below_e],
         }
     }
 
     /// The neighbours of the inner columns of row `b` of V, numbered from 0.
-    #[inline]
-    pub(super) fn verticals(&self, b: usize, count: usize, mut take: impl FnMut(usize, Sums<W>)) {
-        let (upper_w, upper, upper_e) = triplet(&self.parents.padded(b + 1)[1..], count);
-        let (lower_w, lower, lower_e) = triplet(&self.parents.padded(b + 2)[1..], count);
-        let (north, south) = (self.centres.padded(b), self.centres.padded(b + 2));
-        let middle = self.centres.padded(b + 1);
-        let (north_w, north_e) = (&north[1..=count], &north[2..count + 2]);
-        let (west, east) = (&middle[1..=count], &middle[2..count + 2]);
-        let (south_w, south_e) = (&south[1..=count], &south[2..count + 2]);
-        for a in 0..count {
-            let near = [west[a].plus(east[a]), upper[a].plus(lower[a])];
-            let sides = upper_w[a].plus(upper_e[a]).plus(lower_w[a]).plus(lower_e[a]);
-            let ends = north_w[a].plus(north_e[a]).plus(south_w[a]).plus(south_e[a]);
-            take(a, Sums::new(near, [sides, ends]));
+    pub(super) fn verticals(&self, b: usize, count: usize) -> Neighbours<'_, W> {
+        let [upper_w, upper, upper_e] = triplet(&self.parents.padded(b + 1)[1..], count);
+        let [lower_w, lower, lower_e] = triplet(&self.parents.padded(b + 2)[1..], count);
+        let [_, north_w, north_e] = triplet(self.centres.padded(b), count);
+        let [_, west, east] = triplet(self.centres.padded(b + 1), count);
+        let [_, south_w, south_e] = triplet(self.centres.padded(b + 2), count);
+        Neighbours {
+            near: [west, east, upper, lower],
+            sides: [upper_w, upper_e, lower_w, lower_e],
+            ends: [north_w, north_e, south_w, south_e],
         }
     }
 }
@@ -335,13 +314,11 @@ fn four_taps<W: Word>(near: W, far: W) -> W {
 }
 
 /// `row` from its first, second and third sample on, `count` each.
-#[inline]
-fn triplet<W>(row: &[W], count: usize) -> (&[W], &[W], &[W]) {
-    (&row[..count], &row[1..=count], &row[2..count + 2])
+fn triplet<W>(row: &[W], count: usize) -> [&[W]; 3] {
+    [&row[..count], &row[1..=count], &row[2..count + 2]]
 }
 
 /// `row` from its first, second, third and fourth sample on, `count` each.
-#[inline]
-fn quartet<W>(row: &[W], count: usize) -> (&[W], &[W], &[W], &[W]) {
-    (&row[..count], &row[1..=count], &row[2..count + 2], &row[3..count + 3])
+fn quartet<W>(row: &[W], count: usize) -> [&[W]; 4] {
+    [&row[..count], &row[1..=count], &row[2..count + 2], &row[3..count + 3]]
 }

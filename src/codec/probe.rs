@@ -1,8 +1,11 @@
 //! An encoder's choice of weights: some rows of samples are tried out, and the weights that leave least are taken.
 
+use crate::codec::neighbours::{Cost, Neighbours, Note};
 use crate::codec::order::{Row, Stage};
-use crate::codec::predict::{Planes, Sums, Weights, Word};
+use crate::codec::predict::{Planes, Weights, Word};
+use crate::codec::void;
 use crate::sample::VALID;
+use crate::simd;
 
 /// Rows of a plane that are tried out, at least.
 const ROWS: usize = 16;
@@ -12,6 +15,8 @@ const ROWS: usize = 16;
 pub struct Probe<W> {
     rest: Vec<W>,
     slope: Vec<W>,
+    /// Codes of one row.
+    codes: Vec<i32>,
 }
 
 /// The heights that are to be predicted.
@@ -26,12 +31,6 @@ pub struct Target<'a> {
 }
 
 impl Target<'_> {
-    /// The codes of a row; `None` for the void ones.
-    fn row(self, row: Row) -> impl Iterator<Item = Option<i32>> {
-        let samples = row.of(self.codes).zip(row.of(self.state));
-        samples.map(|(&code, &state)| (state == VALID).then_some(code))
-    }
-
     /// Some of the rows from `first` to `last`, spread evenly.
     fn some(self, first: usize, last: usize) -> impl Iterator<Item = usize> {
         let step = (self.stage.m / ROWS).max(1);
@@ -46,13 +45,39 @@ impl<W: Word> Probe<W> {
         self.slope.clear();
     }
 
+    /// Takes the valid samples of a row, whose neighbours are `from`. To choose a skew, the sharpness is given.
+    fn take(
+        &mut self,
+        row: Row,
+        from: Neighbours<'_, W>,
+        target: Target<'_>,
+        base: i32,
+        sharpness: Option<i32>,
+    ) {
+        self.codes.clear();
+        row.gather(target.codes, &mut self.codes);
+        let start = self.rest.len();
+        self.rest.resize(start + row.count, W::default());
+        self.slope.resize(start + row.count, W::default());
+        let (rest, slope) = (&mut self.rest[start..], &mut self.slope[start..]);
+        simd::run(Note { from, codes: &self.codes, base, sharpness, rest, slope });
+        if void::all_valid(&target.state[row.first..row.end()]) {
+            return;
+        }
+        let mut end = start;
+        for (sample, &state) in (start..).zip(row.of(target.state)) {
+            if state == VALID {
+                (self.rest[end], self.slope[end]) = (self.rest[sample], self.slope[sample]);
+                end += 1;
+            }
+        }
+        self.rest.truncate(end);
+        self.slope.truncate(end);
+    }
+
     /// Sum of what `weight` leaves.
     fn cost(&self, weight: i32) -> u64 {
-        self.rest
-            .iter()
-            .zip(&self.slope)
-            .map(|(rest, slope)| rest.minus(slope.times(weight)).magnitude())
-            .sum()
+        simd::run(Cost { rest: &self.rest, slope: &self.slope, weight })
     }
 
     /// The weight that leaves least. The sum is convex in the weight: downhill from `start` is enough.
@@ -79,13 +104,7 @@ impl<W: Word> Planes<W> {
         probe.clear();
         let m = target.stage.m;
         for b in target.some(0, m) {
-            let mut actual = target.row(target.stage.centres(b));
-            self.centres(b, m, |_, sums| {
-                if let Some(Some(code)) = actual.next() {
-                    probe.rest.push(self.rest(code, &sums));
-                    probe.slope.push(sums.bend);
-                }
-            });
+            probe.take(target.stage.centres(b), self.centres(b, m), target, self.base, None);
         }
         let best = probe.best(0, Weights::MAX, Weights::USUAL.sharpness);
         self.probe = probe;
@@ -97,27 +116,20 @@ impl<W: Word> Planes<W> {
         let mut probe = std::mem::take(&mut self.probe);
         probe.clear();
         let m = target.stage.m;
-        let mut push = |actual: Option<i32>, sums: &Sums<W>| {
-            if let Some(code) = actual {
-                probe.rest.push(self.rest(code, sums).minus(sums.bend.times(sharpness)));
-                probe.slope.push(sums.tilt);
-            }
-        };
         for b in target.some(1, m) {
-            let mut actual = target.row(target.stage.horizontals(b));
-            self.horizontals(b, m, |_, sums| push(actual.next().flatten(), &sums));
+            let (row, from) = (target.stage.horizontals(b), self.horizontals(b, m));
+            probe.take(row, from, target, self.base, Some(sharpness));
         }
         for b in target.some(0, m) {
-            let mut actual = target.row(target.stage.verticals(b)).skip(1);
-            self.verticals(b, m - 1, |_, sums| push(actual.next().flatten(), &sums));
+            // Without the columns at the borders, which have no weights.
+            let row = target.stage.verticals(b);
+            let inner = Row { first: row.first + row.step, count: m - 1, ..row };
+            if inner.count > 0 {
+                probe.take(inner, self.verticals(b, m - 1), target, self.base, Some(sharpness));
+            }
         }
         let best = probe.best(-Weights::MAX, Weights::MAX, Weights::USUAL.skew);
         self.probe = probe;
         best
-    }
-
-    /// What the mean of the four nearest leaves of a code, times 128.
-    fn rest(&self, code: i32, sums: &Sums<W>) -> W {
-        W::from_code(code, self.base).up(7).minus(sums.near.up(5))
     }
 }

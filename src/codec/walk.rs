@@ -6,6 +6,7 @@ use crate::codec::predict::{Planes, Weights, Word};
 use crate::codec::probe::Target;
 use crate::codec::{bits, void};
 use crate::sample::{FILLED, VALID, VOID};
+use crate::simd::{self, Kernel};
 
 /// What encoder and decoder do with the newborn samples.
 pub trait Coder {
@@ -135,6 +136,45 @@ fn code_corners(n: usize, coder: &mut impl Coder) -> i32 {
     first.unwrap_or(0)
 }
 
+/// Sets residuals (zigzag) to what codes are more than their predictions.
+struct Subtract<'a> {
+    codes: &'a [i32],
+    actual: &'a [i32],
+    residuals: &'a mut [u32],
+}
+
+impl Kernel for Subtract<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { codes, actual, residuals } = self;
+        let (codes, actual) = (&codes[..residuals.len()], &actual[..residuals.len()]);
+        for i in 0..residuals.len() {
+            residuals[i] = bits::zigzag(actual[i].wrapping_sub(codes[i]));
+        }
+    }
+}
+
+/// Adds residuals (zigzag) to predictions.
+struct Add<'a> {
+    codes: &'a mut [i32],
+    residuals: &'a [u32],
+}
+
+impl Kernel for Add<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { codes, residuals } = self;
+        let residuals = &residuals[..codes.len()];
+        for i in 0..codes.len() {
+            codes[i] = codes[i].wrapping_add(bits::unzigzag(residuals[i]));
+        }
+    }
+}
+
 /// Takes residuals of what is there.
 pub struct Encoder<'a> {
     pub codes: &'a [i32],
@@ -179,8 +219,10 @@ impl Coder for Encoder<'_> {
                 bits::zigzag(residual)
             }));
         } else {
-            let samples = codes.iter().zip(self.actual.iter());
-            self.residuals.extend(samples.map(|(code, actual)| bits::zigzag(actual.wrapping_sub(*code))));
+            let start = self.residuals.len();
+            self.residuals.resize(start + codes.len(), 0);
+            let residuals = &mut self.residuals[start..];
+            simd::run(Subtract { codes, actual: self.actual, residuals });
             codes.copy_from_slice(self.actual);
         }
     }
@@ -253,9 +295,7 @@ impl Coder for Decoder<'_> {
                 *code = if state == VALID { code.wrapping_add(bits::unzigzag(g)) } else { *code };
             }
         } else {
-            for (code, &g) in codes.iter_mut().zip(residuals) {
-                *code = code.wrapping_add(bits::unzigzag(g));
-            }
+            simd::run(Add { codes, residuals });
         }
         row.scatter(codes, self.codes);
     }

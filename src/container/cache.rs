@@ -1,91 +1,108 @@
 //! What was decoded and may be needed again: least recently used entries go first, by bytes.
 //!
-//! [`Lru`] is the plain store. [`Lattices`] decodes tiles through one: a tile needs its parent, and a parent that is being
-//! used stays. No lock is held while a tile is decoded, and two threads never decode the same tile at the same time.
+//! [`Store`] is the plain store: finding something in it takes a lock that readers share. [`Lattices`] decodes tiles through
+//! one: a tile needs its parent, and a parent that is being used stays. No lock is held while a tile is decoded, two
+//! threads never decode the same tile at the same time, and the memory of tiles that go is used again.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{HashMap, HashSet};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError, RwLock};
 
 use crate::error::Result;
 use crate::sample::Lattice;
 use crate::tile::TileId;
 
+/// Lattices without a tile that are kept for the next ones.
+const SPARE: usize = 16;
+
 /// Entries by tile, the least recently used first to go.
-pub(super) struct Lru<V> {
-    entries: HashMap<TileId, Slot<V>>,
-    /// Tiles by the time of their last use.
-    order: BTreeMap<u64, TileId>,
-    clock: u64,
-    bytes: u64,
+pub(super) struct Store<V> {
+    held: RwLock<Held<V>>,
+    /// Counts uses.
+    clock: AtomicU64,
     budget: u64,
+}
+
+struct Held<V> {
+    entries: HashMap<TileId, Slot<V>>,
+    bytes: u64,
 }
 
 struct Slot<V> {
     value: Arc<V>,
     bytes: u64,
-    used: u64,
+    /// Time of the last use.
+    used: AtomicU64,
 }
 
-impl<V> Lru<V> {
+impl<V> Store<V> {
     /// An empty store of so many bytes.
     pub fn new(budget: u64) -> Self {
-        Self { entries: HashMap::new(), order: BTreeMap::new(), clock: 0, bytes: 0, budget }
+        let held = RwLock::new(Held { entries: HashMap::new(), bytes: 0 });
+        Self { held, clock: AtomicU64::new(0), budget }
     }
 
     /// An entry, which becomes the most recently used.
-    pub fn get(&mut self, id: TileId) -> Option<Arc<V>> {
-        let slot = self.entries.get_mut(&id)?;
-        self.clock += 1;
-        self.order.remove(&slot.used);
-        self.order.insert(self.clock, id);
-        slot.used = self.clock;
+    pub fn get(&self, id: TileId) -> Option<Arc<V>> {
+        let held = self.held.read().unwrap_or_else(PoisonError::into_inner);
+        let slot = held.entries.get(&id)?;
+        slot.used.store(self.now(), Ordering::Relaxed);
         Some(Arc::clone(&slot.value))
     }
 
-    /// Adds an entry as the most recently used, and drops the oldest while the budget is exceeded; the `keep` most
-    /// recently used stay whatever they take.
-    pub fn insert(&mut self, id: TileId, value: Arc<V>, bytes: u64, keep: usize) {
-        self.remove(id);
-        self.clock += 1;
-        self.order.insert(self.clock, id);
-        self.entries.insert(id, Slot { value, bytes, used: self.clock });
-        self.bytes += bytes;
-        while self.bytes > self.budget && self.entries.len() > keep {
-            let Some((_, &oldest)) = self.order.first_key_value() else { break };
-            self.remove(oldest);
-        }
+    /// Makes the entries of some tiles the most recently used; how many are there.
+    fn touch(&self, ids: impl Iterator<Item = TileId>) -> usize {
+        let held = self.held.read().unwrap_or_else(PoisonError::into_inner);
+        let slots = ids.filter_map(|id| held.entries.get(&id));
+        slots.map(|slot| slot.used.store(self.now(), Ordering::Relaxed)).count()
     }
 
-    fn remove(&mut self, id: TileId) {
-        if let Some(slot) = self.entries.remove(&id) {
-            self.order.remove(&slot.used);
-            self.bytes -= slot.bytes;
+    /// Adds an entry as the most recently used. If the budget is exceeded, the oldest make room, and for more than this
+    /// one, so that it happens rarely; the `keep` most recently used stay whatever they take. Gives what went.
+    pub fn insert(&self, id: TileId, value: Arc<V>, bytes: u64, keep: usize) -> Vec<Arc<V>> {
+        let mut held = self.held.write().unwrap_or_else(PoisonError::into_inner);
+        let slot = Slot { value, bytes, used: AtomicU64::new(self.now()) };
+        held.bytes += bytes;
+        let mut gone = Vec::new();
+        if let Some(old) = held.entries.insert(id, slot) {
+            held.bytes -= old.bytes;
+            gone.push(old.value);
         }
+        if held.bytes <= self.budget || held.entries.len() <= keep {
+            return gone;
+        }
+        let mut oldest: Vec<(u64, TileId)> =
+            held.entries.iter_mut().map(|(&id, slot)| (*slot.used.get_mut(), id)).collect();
+        oldest.sort_unstable_by_key(|&(used, _)| used);
+        for (_, id) in &oldest[..oldest.len() - keep.min(oldest.len())] {
+            if held.bytes <= self.budget - self.budget / 8 {
+                break;
+            }
+            if let Some(slot) = held.entries.remove(id) {
+                held.bytes -= slot.bytes;
+                gone.push(slot.value);
+            }
+        }
+        gone
     }
-}
 
-struct State {
-    cache: Lru<Lattice>,
-    /// Tiles that a thread is decoding.
-    busy: HashSet<TileId>,
-}
-
-impl State {
-    /// Makes the ancestors of a tile the most recently used; how many are there.
-    fn touch_ancestors(&mut self, id: TileId) -> usize {
-        std::iter::successors(id.parent(), |tile| tile.parent())
-            .filter(|&tile| self.cache.get(tile).is_some())
-            .count()
+    fn now(&self) -> u64 {
+        self.clock.fetch_add(1, Ordering::Relaxed)
     }
 }
 
 /// Decoded tiles.
 pub(super) struct Lattices {
-    state: Mutex<State>,
+    store: Store<Lattice>,
+    /// Tiles that a thread is decoding.
+    busy: Mutex<HashSet<TileId>>,
     done: Condvar,
     decoded: AtomicU64,
+    spare: Mutex<Vec<Lattice>>,
 }
+
+/// Decodes a tile from its parent into a lattice of any content.
+pub(super) type Decode<'a> = &'a dyn Fn(TileId, Option<&Lattice>, &mut Lattice) -> Result<()>;
 
 /// The right to decode a tile; others wait until it is dropped.
 struct Claim<'a> {
@@ -95,7 +112,7 @@ struct Claim<'a> {
 
 impl Drop for Claim<'_> {
     fn drop(&mut self) {
-        self.of.lock().busy.remove(&self.id);
+        self.of.busy.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.id);
         self.of.done.notify_all();
     }
 }
@@ -103,8 +120,13 @@ impl Drop for Claim<'_> {
 impl Lattices {
     /// An empty store of so many bytes.
     pub fn new(budget: u64) -> Self {
-        let state = Mutex::new(State { cache: Lru::new(budget), busy: HashSet::new() });
-        Self { state, done: Condvar::new(), decoded: AtomicU64::new(0) }
+        Self {
+            store: Store::new(budget),
+            busy: Mutex::default(),
+            done: Condvar::new(),
+            decoded: AtomicU64::new(0),
+            spare: Mutex::default(),
+        }
     }
 
     /// Tiles decoded so far.
@@ -112,47 +134,66 @@ impl Lattices {
         self.decoded.load(Ordering::Relaxed)
     }
 
+    /// A tile, if it is there. It and its ancestors become the most recently used.
+    pub fn find(&self, id: TileId) -> Option<Arc<Lattice>> {
+        self.store.touch(ancestors(id));
+        self.store.get(id)
+    }
+
     /// A tile from the store, or decoded from its parent, which is got in the same way.
-    pub fn get(
-        &self,
-        id: TileId,
-        decode: &dyn Fn(TileId, Option<&Lattice>) -> Result<Lattice>,
-    ) -> Result<Arc<Lattice>> {
+    pub fn get(&self, id: TileId, decode: Decode<'_>) -> Result<Arc<Lattice>> {
         let claim = match self.find_or_claim(id) {
             Ok(lattice) => return Ok(lattice),
             Err(claim) => claim,
         };
+        let spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut lattice = spare.unwrap_or_default();
         // Whoever holds a claim waits for tiles of lower levels only: no two wait for each other.
-        let parent = id.parent().map(|parent| self.get(parent, decode)).transpose()?;
-        let lattice = Arc::new(decode(id, parent.as_deref())?);
-        self.decoded.fetch_add(1, Ordering::Relaxed);
+        self.decode(id, decode, &mut lattice)?;
         let bytes = size_of::<Lattice>() + 4 * (lattice.code.len() + lattice.low.len()) + lattice.state.len();
-        let mut state = self.lock();
-        let ancestors = state.touch_ancestors(id);
-        state.cache.insert(id, Arc::clone(&lattice), bytes as u64, ancestors + 1);
-        drop(state);
+        let lattice = Arc::new(lattice);
+        let keep = self.store.touch(ancestors(id)) + 1;
+        let gone = self.store.insert(id, Arc::clone(&lattice), bytes as u64, keep);
         drop(claim);
+        self.recycle(gone);
         Ok(lattice)
     }
 
+    /// Decodes a tile that is not to be kept, whatever is in the store; its ancestors are.
+    pub fn decode(&self, id: TileId, decode: Decode<'_>, out: &mut Lattice) -> Result<()> {
+        let parent = id.parent().map(|parent| self.get(parent, decode)).transpose()?;
+        decode(id, parent.as_deref(), out)?;
+        self.decoded.fetch_add(1, Ordering::Relaxed);
+        Ok(())
+    }
+
     fn find_or_claim(&self, id: TileId) -> Result<Arc<Lattice>, Claim<'_>> {
-        let mut state = self.lock();
         loop {
-            state.touch_ancestors(id);
-            if let Some(lattice) = state.cache.get(id) {
+            if let Some(lattice) = self.find(id) {
                 return Ok(lattice);
             }
-            if state.busy.insert(id) {
-                return Err(Claim { of: self, id });
+            let mut busy = self.busy.lock().unwrap_or_else(PoisonError::into_inner);
+            if busy.insert(id) {
+                drop(busy);
+                let claim = Claim { of: self, id };
+                // Who had the claim before may have put the tile there in the meantime.
+                return self.find(id).ok_or(claim);
             }
-            state = self.done.wait(state).unwrap_or_else(PoisonError::into_inner);
+            drop(self.done.wait(busy).unwrap_or_else(PoisonError::into_inner));
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
-        // Nothing panics under the lock; a store left by a panic elsewhere is whole.
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Keeps the memory of tiles that nobody has any more.
+    fn recycle(&self, gone: Vec<Arc<Lattice>>) {
+        let free = gone.into_iter().filter_map(Arc::into_inner);
+        let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
+        let room = SPARE.saturating_sub(spare.len());
+        spare.extend(free.take(room));
     }
+}
+
+fn ancestors(id: TileId) -> impl Iterator<Item = TileId> {
+    std::iter::successors(id.parent(), |tile| tile.parent())
 }
 
 #[cfg(test)]
@@ -165,27 +206,27 @@ mod tests {
 
     #[test]
     fn the_least_recently_used_goes_first_and_the_newest_stay() {
-        let mut lru = Lru::new(10);
+        let store = Store::new(10);
+        let there = || (0..5).filter(|&x| store.held.read().unwrap().entries.contains_key(&tile(x)));
         for x in 0..3 {
-            lru.insert(tile(x), Arc::new(x), 3, 1);
+            assert!(store.insert(tile(x), Arc::new(x), 3, 1).is_empty());
         }
-        assert!(lru.get(tile(0)).is_some());
-        lru.insert(tile(3), Arc::new(3), 3, 1);
-        let there: Vec<_> = (0..4).filter(|&x| lru.get(tile(x)).is_some()).collect();
-        assert_eq!(there, [0, 2, 3]);
-        lru.insert(tile(4), Arc::new(4), 100, 2);
-        assert!(lru.get(tile(3)).is_some() && lru.get(tile(4)).is_some() && lru.get(tile(0)).is_none());
-        assert_eq!(lru.bytes, 103);
-        lru.insert(tile(4), Arc::new(4), 1, 1);
-        assert_eq!(lru.bytes, 4);
+        assert!(store.get(tile(0)).is_some());
+        assert_eq!(store.insert(tile(3), Arc::new(3), 3, 1).len(), 1);
+        assert_eq!(there().collect::<Vec<_>>(), [0, 2, 3]);
+        assert_eq!(store.insert(tile(4), Arc::new(4), 100, 2).len(), 2);
+        assert_eq!(there().collect::<Vec<_>>(), [3, 4]);
+        assert_eq!(store.held.read().unwrap().bytes, 103);
+        assert_eq!(store.insert(tile(4), Arc::new(4), 1, 1), [Arc::new(4)]);
+        assert_eq!(store.held.read().unwrap().bytes, 4);
     }
 
     #[test]
     fn threads_that_ask_for_one_tile_decode_it_once() {
         let lattices = Lattices::new(1 << 20);
-        let decode = |_: TileId, _: Option<&Lattice>| {
+        let decode = |_: TileId, _: Option<&Lattice>, _: &mut Lattice| {
             std::thread::sleep(std::time::Duration::from_millis(20));
-            Ok(Lattice::default())
+            Ok(())
         };
         std::thread::scope(|scope| {
             for x in 0..4 {
@@ -195,5 +236,22 @@ mod tests {
             }
         });
         assert_eq!(lattices.decoded(), 1 + 2 + 4);
+    }
+
+    #[test]
+    fn the_memory_of_a_tile_that_went_holds_the_next() {
+        let lattices = Lattices::new(0);
+        let decode = |_: TileId, _: Option<&Lattice>, out: &mut Lattice| {
+            out.code.resize(1000, 7);
+            Ok(())
+        };
+        let first = lattices.get(TileId::new(1, 0, 0), &decode).unwrap().code.as_ptr();
+        assert_ne!(lattices.get(TileId::new(1, 1, 0), &decode).unwrap().code.as_ptr(), first);
+        assert_eq!(lattices.get(TileId::new(1, 1, 1), &decode).unwrap().code.as_ptr(), first);
+        let held = lattices.get(TileId::new(1, 1, 0), &decode).unwrap();
+        let before = held.code.clone();
+        lattices.get(TileId::new(1, 0, 1), &decode).unwrap();
+        lattices.get(TileId::new(1, 0, 0), &decode).unwrap();
+        assert_eq!(held.code, before, "a tile in use stays as it is");
     }
 }

@@ -8,7 +8,6 @@ mod assemble;
 mod bytes;
 mod cache;
 pub mod directory;
-mod file;
 pub mod layout;
 pub mod metadata;
 pub mod opening;
@@ -18,6 +17,7 @@ pub mod sections;
 pub mod work;
 pub mod writer;
 
+use crate::file;
 pub use directory::{ChunkKind, TileEntry};
 pub use layout::{Header, Metric, leaf_level};
 pub use metadata::{Metadata, Statistics};

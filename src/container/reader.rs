@@ -7,26 +7,25 @@
 //! There is no way to decode masks alone: a mask needs its parent's, and the states come with the heights of
 //! [`Reader::read_tile`]. What only counts samples finds the counts in [`Reader::statistics`].
 
+mod tiles;
 mod walk;
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
-use super::cache::{Lattices, Lru};
+use super::cache::{Lattices, Store};
 use super::directory::{ChunkKind, Found, Page, PageRef, TileEntry};
-use super::file::read_exact_at;
 use super::layout::Header;
 use super::metadata::{Metadata, Statistics};
 use super::opening::{OPENING_BYTES, Opening};
 use super::sections::{self, SectionEntry};
-use crate::codec::mask::Occupancy;
 use crate::codec::table::ErrorTable;
-use crate::codec::{self, Scratch, frame};
+use crate::codec::{self, frame};
 use crate::error::{Error, Result};
+use crate::file::read_exact_at;
 use crate::geo::Geo;
 use crate::limits::Limits;
-use crate::sample::Lattice;
 use crate::tile::TileId;
 
 /// How much a reader keeps and accepts.
@@ -62,9 +61,9 @@ pub struct Reader {
     tiles: SectionEntry,
     pages: SectionEntry,
     root: Arc<Loaded>,
-    loaded: Mutex<Lru<Loaded>>,
+    loaded: Store<Loaded>,
     lattices: Lattices,
-    scratches: Mutex<Vec<Scratch>>,
+    desks: Mutex<Vec<tiles::Desk>>,
 }
 
 impl Reader {
@@ -113,9 +112,9 @@ impl Reader {
             tiles,
             pages,
             root: Arc::new(Loaded { page, offset: None }),
-            loaded: Mutex::new(Lru::new(for_pages)),
+            loaded: Store::new(for_pages),
             lattices: Lattices::new(options.cache_bytes - for_pages),
-            scratches: Mutex::new(Vec::new()),
+            desks: Mutex::default(),
         })
     }
 
@@ -193,14 +192,13 @@ impl Reader {
     /// The page that begins with tile `root`, from the cache or the file; `before` is where the page stands that
     /// refers to it.
     fn page(&self, root: TileId, place: PageRef, before: Option<u64>) -> Result<Arc<Loaded>> {
-        let lock = || self.loaded.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(page) = lock().get(root) {
+        if let Some(page) = self.loaded.get(root) {
             return Ok(page);
         }
         let page = self.load_page(root, place, before).map_err(|error| error.at(&self.path))?;
         let bytes = page.memory() as u64;
         let loaded = Arc::new(Loaded { page, offset: Some(place.offset) });
-        lock().insert(root, Arc::clone(&loaded), bytes, 1);
+        self.loaded.insert(root, Arc::clone(&loaded), bytes, 1);
         Ok(loaded)
     }
 
@@ -238,41 +236,9 @@ impl Reader {
         codec::table::decode(&chunk, patches, steps).map_err(|error| self.in_tile(id, error))
     }
 
-    /// The samples of a tile. Ancestors that are not at hand are decoded first and kept: reading tiles depth first
-    /// decodes none twice.
-    pub fn read_tile(&self, id: TileId) -> Result<Arc<Lattice>> {
-        self.existing(id)?;
-        self.lattices.get(id, &|id, parent| self.decode_tile(id, parent))
-    }
-
-    /// Tiles decoded since the file was opened.
-    pub fn decoded_tiles(&self) -> u64 {
-        self.lattices.decoded()
-    }
-
     fn existing(&self, id: TileId) -> Result<TileEntry> {
         let absent = || Error::usage(format!("there is no tile {id} in {}", self.path.display()));
         self.entry(id)?.ok_or_else(absent)
-    }
-
-    fn decode_tile(&self, id: TileId, parent: Option<&Lattice>) -> Result<Lattice> {
-        let entry = self.existing(id)?;
-        let coding = self.header().coding;
-        let chunk = |kind| self.chunk(&entry, kind).map_err(|error| error.at(&self.path));
-        let (heights, mask) = (chunk(ChunkKind::Heights)?, chunk(ChunkKind::Mask)?);
-        let mut lattice = Lattice::new(self.header().tile() as usize, coding);
-        if let Some(parent) = parent {
-            copy_even(parent, id, &mut lattice);
-        }
-        let occupancy = Occupancy { has_valid: entry.has_valid, has_void: entry.has_void };
-        let root = parent.is_none();
-        let lock = || self.scratches.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut scratch = lock().pop().unwrap_or_default();
-        let decoded = codec::mask::decode(&mask, occupancy, &mut lattice, root, &mut scratch)
-            .and_then(|()| codec::height::decode(&heights, &mut lattice, coding, root, &mut scratch));
-        lock().push(scratch);
-        decoded.map_err(|error| self.in_tile(id, error))?;
-        Ok(lattice)
     }
 
     /// Fails unless a section with a CRC of its own agrees with it.
@@ -295,10 +261,16 @@ impl Reader {
     /// Bytes of the file. The caller has held offset and length against the file and a limit.
     fn read(&self, offset: u64, length: u64, what: &str) -> Result<Vec<u8>> {
         let mut bytes = vec![0; length as usize];
-        let action = || format!("read {what} ({length} bytes at offset {offset})");
-        read_exact_at(&self.file, &mut bytes, offset)
-            .map_err(|source| Error::io(&self.path, action(), source))?;
+        self.read_into(&mut bytes, offset, what)?;
         Ok(bytes)
+    }
+
+    /// Fills `bytes` from the file.
+    fn read_into(&self, bytes: &mut [u8], offset: u64, what: &str) -> Result<()> {
+        let action = |length| format!("read {what} ({length} bytes at offset {offset})");
+        let length = bytes.len();
+        read_exact_at(&self.file, bytes, offset)
+            .map_err(|source| Error::io(&self.path, action(length), source))
     }
 
     /// An error of the codec, with the tile it concerns.
@@ -369,25 +341,4 @@ fn check_page(page: &Page, header: &Header, tiles: &SectionEntry, pages: &Sectio
         }
     }
     Ok(())
-}
-
-/// Samples of even column and row are the parent's.
-fn copy_even(parent: &Lattice, id: TileId, lattice: &mut Lattice) {
-    let half = lattice.n / 2;
-    let (left, top) = ((id.x & 1) as usize * half, (id.y & 1) as usize * half);
-    for row in 0..=half {
-        let (from, to) = (parent.at(left, top + row), lattice.at(0, 2 * row));
-        let (source, target) = (from..=from + half, to..=to + lattice.n);
-        copy_every_second(&parent.code[source.clone()], &mut lattice.code[target.clone()]);
-        copy_every_second(&parent.state[source.clone()], &mut lattice.state[target.clone()]);
-        if !lattice.low.is_empty() {
-            copy_every_second(&parent.low[source], &mut lattice.low[target]);
-        }
-    }
-}
-
-fn copy_every_second<T: Copy>(source: &[T], target: &mut [T]) {
-    for (target, &source) in target.iter_mut().step_by(2).zip(source) {
-        *target = source;
-    }
 }

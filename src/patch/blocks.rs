@@ -6,6 +6,7 @@
 
 use crate::patch::TileGeometry;
 use crate::sample::{Coding, Lattice, VALID, code_from_f32};
+use crate::simd::{self, Kernel};
 
 /// Bit of [`Blocks::state`]: some sample of the block is valid.
 pub const HAS_VALID: u8 = 1;
@@ -38,111 +39,54 @@ impl Blocks {
         Self { n, min: vec![i32::MAX; count], max: vec![i32::MIN; count], state: vec![HAS_VOID; count] }
     }
 
-    /// Blocks of a leaf tile: one for each unit cell.
-    pub fn of_leaf(lattice: &Lattice, coding: Coding, geometry: &TileGeometry) -> Self {
+    /// Of a leaf tile: the occupancy of its unit cells, row by row, and the blocks of two intervals that its parent takes over.
+    ///
+    /// The extremes of the unit cells themselves are of use to nobody.
+    pub fn of_leaf(lattice: &Lattice, coding: Coding, geometry: &TileGeometry) -> (Vec<u8>, Self) {
         let n = lattice.n;
-        let mut blocks = Self::void(n);
-        for y in 0..n {
-            if coding != Coding::Float64 && blocks.full_row(lattice, y) {
+        let (unit, mut blocks) = match coding {
+            Coding::Float64 => {
+                simd::run(LeafBlocks { low: &outward(lattice, 0), high: &outward(lattice, 1), lattice })
+            }
+            _ => simd::run(LeafBlocks { low: &lattice.code, high: &lattice.code, lattice }),
+        };
+        for (y, row) in unit.chunks_exact(n).enumerate() {
+            if !row.contains(&(HAS_VALID | HAS_VOID)) {
                 continue;
             }
-            for x in 0..n {
-                let corners =
-                    [lattice.at(x, y), lattice.at(x + 1, y), lattice.at(x, y + 1), lattice.at(x + 1, y + 1)];
-                let valid = corners.map(|i| lattice.state[i] == VALID);
-                let at = y * n + x;
-                match valid.iter().filter(|&&v| v).count() {
-                    0 => {}
-                    4 if coding != Coding::Float64 => {
-                        let codes = corners.map(|i| lattice.code[i]);
-                        blocks.min[at] = codes[0].min(codes[1]).min(codes[2]).min(codes[3]);
-                        blocks.max[at] = codes[0].max(codes[1]).max(codes[2]).max(codes[3]);
-                        blocks.state[at] = HAS_VALID;
-                    }
-                    count => {
-                        let falling = geometry.falling(1, x, y);
-                        blocks.mixed(at, lattice, coding, corners, valid, falling);
-                        blocks.state[at] = if count == 4 { HAS_VALID } else { HAS_VALID | HAS_VOID };
-                    }
-                }
+            for (x, _) in row.iter().enumerate().filter(|(_, bits)| **bits == HAS_VALID | HAS_VOID) {
+                blocks.add_middles(y / 2 * blocks.n + x / 2, (x, y), lattice, coding, geometry);
             }
         }
-        blocks
+        (unit, blocks)
     }
 
-    /// Blocks of row `y` if all their samples are valid; false, and nothing done, if not.
-    fn full_row(&mut self, lattice: &Lattice, y: usize) -> bool {
-        let n = self.n;
-        let (north, south) = (y * (n + 1), (y + 1) * (n + 1));
-        if !lattice.state[north..=south + n].iter().all(|&state| state == VALID) {
-            return false;
-        }
-        let (north, south) = (&lattice.code[north..south], &lattice.code[south..=south + n]);
-        let out = y * n..(y + 1) * n;
-        let pairs = north.windows(2).zip(south.windows(2));
-        for ((min, max), (a, b)) in
-            self.min[out.clone()].iter_mut().zip(&mut self.max[out.clone()]).zip(pairs)
-        {
-            *min = a[0].min(a[1]).min(b[0]).min(b[1]);
-            *max = a[0].max(a[1]).max(b[0]).max(b[1]);
-        }
-        self.state[out].fill(HAS_VALID);
-        true
-    }
-
-    /// Extremes over the valid corners and the midpoints of the mixed edges of one cell.
-    fn mixed(
+    /// Takes in the midpoints of the edges between a valid and a void sample of a unit cell.
+    fn add_middles(
         &mut self,
         at: usize,
+        (x, y): (usize, usize),
         lattice: &Lattice,
         coding: Coding,
-        corners: [usize; 4],
-        valid: [bool; 4],
-        falling: bool,
+        geometry: &TileGeometry,
     ) {
-        for (&corner, _) in corners.iter().zip(valid).filter(|(_, valid)| *valid) {
-            self.include(at, lattice, coding, corner, corner);
-        }
-        let diagonal = if falling { (0, 3) } else { (1, 2) };
+        let corners =
+            [lattice.at(x, y), lattice.at(x + 1, y), lattice.at(x, y + 1), lattice.at(x + 1, y + 1)];
+        let valid = corners.map(|i| lattice.state[i] == VALID);
+        let diagonal = if geometry.falling(1, x, y) { (0, 3) } else { (1, 2) };
         for (a, b) in [(0, 1), (0, 2), (1, 3), (2, 3), diagonal] {
             if valid[a] != valid[b] {
-                self.include(at, lattice, coding, corners[a], corners[b]);
+                let (low, high) = middle(lattice, coding, corners[a], corners[b]);
+                self.min[at] = self.min[at].min(low);
+                self.max[at] = self.max[at].max(high);
             }
         }
-    }
-
-    /// Takes the midpoint of two samples into a block, rounded outward.
-    fn include(&mut self, at: usize, lattice: &Lattice, coding: Coding, a: usize, b: usize) {
-        let (low, high) = if let Coding::Integer { .. } = coding {
-            let sum = i64::from(lattice.code[a]) + i64::from(lattice.code[b]);
-            (sum.div_euclid(2) as i32, (sum + 1).div_euclid(2) as i32)
-        } else {
-            let middle = 0.5 * lattice.value(a, coding) + 0.5 * lattice.value(b, coding);
-            let near = middle as f32;
-            let down = if f64::from(near) > middle { near.next_down() } else { near };
-            let up = if f64::from(near) < middle { near.next_up() } else { near };
-            (code_from_f32(down), code_from_f32(up))
-        };
-        self.min[at] = self.min[at].min(low);
-        self.max[at] = self.max[at].max(high);
     }
 
     /// The same surface in blocks twice as large: what a parent takes over from this tile.
     #[must_use]
     pub fn halved(&self) -> Self {
-        let half = self.n / 2;
-        let mut out = Self::void(half);
-        for y in 0..half {
-            let (north, south) = (2 * y * self.n, (2 * y + 1) * self.n);
-            for x in 0..half {
-                let four = [north + 2 * x, north + 2 * x + 1, south + 2 * x, south + 2 * x + 1];
-                let to = y * half + x;
-                out.min[to] = four.iter().fold(i32::MAX, |low, &i| low.min(self.min[i]));
-                out.max[to] = four.iter().fold(i32::MIN, |high, &i| high.max(self.max[i]));
-                out.state[to] = four.iter().fold(0, |bits, &i| bits | self.state[i]);
-            }
-        }
-        out
+        simd::run(Halved(self))
     }
 
     /// Puts the halved blocks of the child in quadrant `quadrant` in their place.
@@ -156,29 +100,217 @@ impl Blocks {
             self.state[to..to + half].copy_from_slice(&quarter.state[from..from + half]);
         }
     }
+}
 
-    /// Which patches of `patch` blocks on a side have a valid sample in or below them, row by row.
-    pub fn occupied(&self, patch: usize) -> Vec<bool> {
-        let side = self.n / patch;
-        let mut out = vec![false; side * side];
-        for (y, row) in self.state.chunks_exact(self.n).enumerate() {
-            for (x, run) in row.chunks_exact(patch).enumerate() {
-                out[y / patch * side + x] |= run.iter().fold(0, |bits, b| bits | b) & HAS_VALID != 0;
-            }
+/// Which patches of `patch` blocks on a side have a valid sample in or below them, row by row; `state` is that of `n x n` blocks.
+pub fn occupied(state: &[u8], n: usize, patch: usize) -> Vec<bool> {
+    let side = n / patch;
+    let mut out = vec![false; side * side];
+    for (y, row) in state.chunks_exact(n).enumerate() {
+        for (x, run) in row.chunks_exact(patch).enumerate() {
+            out[y / patch * side + x] |= run.iter().fold(0, |bits, b| bits | b) & HAS_VALID != 0;
         }
-        out
     }
+    out
+}
+
+/// Midpoint of two samples, rounded outward.
+fn middle(lattice: &Lattice, coding: Coding, a: usize, b: usize) -> (i32, i32) {
+    if let Coding::Integer { .. } = coding {
+        let sum = i64::from(lattice.code[a]) + i64::from(lattice.code[b]);
+        return (sum.div_euclid(2) as i32, (sum + 1).div_euclid(2) as i32);
+    }
+    let middle = 0.5 * lattice.value(a, coding) + 0.5 * lattice.value(b, coding);
+    let near = middle as f32;
+    let down = if f64::from(near) > middle { near.next_down() } else { near };
+    let up = if f64::from(near) < middle { near.next_up() } else { near };
+    (code_from_f32(down), code_from_f32(up))
+}
+
+/// Extremes of every sample of a float64 lattice: the lower ones (`side` 0) or the higher ones (1).
+fn outward(lattice: &Lattice, side: usize) -> Vec<i32> {
+    let sample = |at: usize| {
+        let (low, high) = middle(lattice, Coding::Float64, at, at);
+        [low, high][side]
+    };
+    (0..lattice.code.len()).map(sample).collect()
+}
+
+/// Extremes over the valid samples of blocks of two intervals, and the occupancy of the unit cells.
+struct LeafBlocks<'a> {
+    low: &'a [i32],
+    high: &'a [i32],
+    lattice: &'a Lattice,
+}
+
+impl Kernel for LeafBlocks<'_> {
+    type Output = (Vec<u8>, Blocks);
+
+    #[inline(always)]
+    fn run(self) -> (Vec<u8>, Blocks) {
+        let n = self.lattice.n;
+        let half = n / 2;
+        let mut unit = Vec::with_capacity(n * n);
+        let (mut min, mut max) = (Vec::with_capacity(half * half), Vec::with_capacity(half * half));
+        // Of the columns of three rows, or two: extremes, and bits.
+        let (mut low, mut high, mut bits) = (vec![0; n + 1], vec![0; n + 1], vec![0; n + 1]);
+        let mut joined = vec![0; n];
+        for y in (0..n).step_by(2) {
+            let rows = [0, 1, 2].map(|i| (y + i) * (n + 1)..(y + i + 1) * (n + 1));
+            let state = rows.clone().map(|row| &self.lattice.state[row]);
+            let mut all = 0;
+            for (north, south) in [(state[0], state[1]), (state[1], state[2])] {
+                for ((bits, &a), &b) in bits.iter_mut().zip(north).zip(south) {
+                    *bits = bit(a) | bit(b);
+                    all |= *bits;
+                }
+                unit.extend(bits.iter().zip(&bits[1..]).map(|(a, b)| a | b));
+            }
+            let full = all == HAS_VALID;
+            column_extremes(
+                &mut low,
+                rows.clone().map(|row| &self.low[row]),
+                state,
+                full,
+                i32::MAX,
+                i32::min,
+            );
+            column_extremes(&mut high, rows.map(|row| &self.high[row]), state, full, i32::MIN, i32::max);
+            add_threes(&mut min, &low, &mut joined, i32::min);
+            add_threes(&mut max, &high, &mut joined, i32::max);
+        }
+        let state = reduce_state(&unit, n);
+        (unit, Blocks { n: half, min, max, state })
+    }
+}
+
+/// Adds the extremes of columns `2 i`, `2 i + 1` and `2 i + 2`, by way of those of neighbours in `joined`.
+#[inline(always)]
+fn add_threes(
+    out: &mut Vec<i32>,
+    columns: &[i32],
+    joined: &mut [i32],
+    extreme: impl Fn(i32, i32) -> i32 + Copy,
+) {
+    for ((joined, &a), &b) in joined.iter_mut().zip(columns).zip(&columns[1..]) {
+        *joined = extreme(a, b);
+    }
+    out.extend(joined.chunks_exact(2).map(|pair| extreme(pair[0], pair[1])));
+}
+
+/// For every column the extreme of the valid samples of three rows; `none` where there are none.
+#[inline(always)]
+fn column_extremes(
+    out: &mut [i32],
+    [a, b, c]: [&[i32]; 3],
+    state: [&[u8]; 3],
+    full: bool,
+    none: i32,
+    extreme: impl Fn(i32, i32) -> i32,
+) {
+    let rows = out.iter_mut().zip(a.iter().zip(b).zip(c));
+    if full {
+        for (out, ((&a, &b), &c)) in rows {
+            *out = extreme(extreme(a, b), c);
+        }
+        return;
+    }
+    let valid = |code: i32, state: u8| if state == VALID { code } else { none };
+    let states = state[0].iter().zip(state[1]).zip(state[2]);
+    for ((out, ((&a, &b), &c)), ((&sa, &sb), &sc)) in rows.zip(states) {
+        *out = extreme(extreme(valid(a, sa), valid(b, sb)), valid(c, sc));
+    }
+}
+
+/// The bit of a sample.
+#[inline(always)]
+fn bit(state: u8) -> u8 {
+    if state == VALID { HAS_VALID } else { HAS_VOID }
+}
+
+/// Blocks twice as large.
+struct Halved<'a>(&'a Blocks);
+
+impl Kernel for Halved<'_> {
+    type Output = Blocks;
+
+    #[inline(always)]
+    fn run(self) -> Blocks {
+        let Blocks { n, min, max, state } = self.0;
+        Blocks {
+            n: n / 2,
+            min: quartered(min, *n, i32::min),
+            max: quartered(max, *n, i32::max),
+            state: quartered(state, *n, |a, b| a | b),
+        }
+    }
+}
+
+/// Every 2 x 2 of a square `n` wide made one.
+#[inline(always)]
+fn quartered<T: Copy + Default>(square: &[T], n: usize, join: impl Fn(T, T) -> T + Copy) -> Vec<T> {
+    let mut out = Vec::with_capacity(n / 2 * (n / 2));
+    let mut joined = vec![T::default(); n];
+    for rows in square.chunks_exact(2 * n) {
+        let (north, south) = rows.split_at(n);
+        for ((joined, &a), &b) in joined.iter_mut().zip(north).zip(south) {
+            *joined = join(a, b);
+        }
+        out.extend(joined.chunks_exact(2).map(|pair| join(pair[0], pair[1])));
+    }
+    out
 }
 
 /// Occupancy of blocks twice as large, as [`Blocks::state`]; `n` is the number of blocks on a side before.
 pub fn reduce_state(state: &[u8], n: usize) -> Vec<u8> {
-    let half = n / 2;
-    let mut out = Vec::with_capacity(half * half);
-    for y in 0..half {
-        for x in 0..half {
-            let at = 2 * y * n + 2 * x;
-            out.push(state[at] | state[at + 1] | state[at + n] | state[at + n + 1]);
+    quartered(state, n, |a, b| a | b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geo::Spacing;
+    use crate::sample::FILLED;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn leaf_blocks_are_the_extremes_of_samples_and_middles(
+            seed in proptest::collection::vec((-9..9_i32, 0..3_u8), 17 * 17),
+            odd: bool,
+        ) {
+            let (n, spacing) = (16, Spacing { dx: 1.0, dy: 1.0 });
+            let coding = Coding::Integer { scale: 1.0, offset: 0.0 };
+            let mut lattice = Lattice::new(n, coding);
+            for (i, &(code, kind)) in seed.iter().enumerate() {
+                lattice.code[i] = code;
+                lattice.state[i] = if kind == 0 && i > 100 { FILLED } else { VALID };
+            }
+            let geometry = TileGeometry { n, patch: 4, odd, spacing, metres: 1.0 };
+            let (unit, blocks) = Blocks::of_leaf(&lattice, coding, &geometry);
+            let mut expected = Blocks::void(n / 2);
+            expected.state.fill(0);
+            for (x, y) in (0..n * n).map(|i| (i % n, i / n)) {
+                let block = y / 2 * (n / 2) + x / 2;
+                let corners = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].map(|(x, y)| lattice.at(x, y));
+                let diagonal = if (x + y) % 2 == 0 { (0, 3) } else { (1, 2) };
+                let mut bits = 0;
+                for i in corners {
+                    bits |= if lattice.state[i] == VALID { HAS_VALID } else { HAS_VOID };
+                }
+                for (a, b) in [(0, 0), (1, 1), (2, 2), (3, 3), (0, 1), (0, 2), (1, 3), (2, 3), diagonal] {
+                    let (a, b) = (corners[a], corners[b]);
+                    let valid = [a, b].map(|i| lattice.state[i] == VALID);
+                    if valid[0] != valid[1] || a == b && valid[0] {
+                        let twice = lattice.code[a] + lattice.code[b];
+                        expected.min[block] = expected.min[block].min(twice >> 1);
+                        expected.max[block] = expected.max[block].max((twice + 1) >> 1);
+                    }
+                }
+                prop_assert_eq!(unit[y * n + x], bits);
+                expected.state[block] |= bits;
+            }
+            prop_assert_eq!(blocks, expected);
         }
     }
-    out
 }

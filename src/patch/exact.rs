@@ -1,232 +1,19 @@
 //! Vertical error of the cells inside a leaf tile, exact: every sample against the drawn planes.
 //!
 //! Drawn triangles are unions of fine ones (the alternating diagonals nest), so the difference of the surfaces is linear
-//! on each fine triangle and largest at a vertex of the part that is shown. Without voids these are the samples;
-//! with voids also the points where an outline crosses an edge.
+//! on each fine triangle and largest at a vertex of the part that is shown. Without voids these are the samples
+//! ([`comb`], [`rows`]); with voids also the points where an outline crosses an edge ([`holed`]).
 
 use crate::patch::blocks::{HAS_VALID, HAS_VOID, reduce_state};
-use crate::patch::cell::{Cell, Plane, Vertex, shown_difference};
-use crate::patch::rows::{Ramps, farthest};
+use crate::patch::cell::Cell;
+use crate::patch::comb::{Comb, SmallCells, TEETH};
+use crate::patch::heights::Heights;
+use crate::patch::holed::{Holed, Place, classes};
+use crate::patch::number::Number;
+use crate::patch::rows::{Cells, narrow_cell};
 use crate::patch::{TileGeometry, make_monotone};
-use crate::sample::{Coding, Lattice, VALID};
-
-/// Heights of a lattice in the numbers that errors are measured in.
-pub enum Heights {
-    /// Integer codes less the lowest one; their range is small enough for 32-bit arithmetic.
-    Narrow(Vec<i32>),
-    /// Codes or values.
-    Wide(Vec<f64>),
-}
-
-/// Up to this range no partial sum of `s (z - D)`, `s <= 2^10`, leaves 32 bits: its terms add up to at most 12 s ranges.
-const NARROW_RANGE: i64 = 1 << 17;
-
-impl Heights {
-    /// Heights of a tile. Void samples without a fill are whatever they are: no shown triangle has them.
-    pub fn new(lattice: &Lattice, coding: Coding) -> Self {
-        if let Coding::Integer { .. } = coding {
-            let known = || lattice.code.iter().zip(&lattice.state).filter(|(_, s)| **s != 0).map(|(&c, _)| c);
-            let low = known().min().unwrap_or(0);
-            let high = known().max().unwrap_or(0);
-            if i64::from(high) - i64::from(low) < NARROW_RANGE {
-                return Self::Narrow(lattice.code.iter().map(|&c| c.clamp(low, high) - low).collect());
-            }
-            return Self::Wide(lattice.code.iter().map(|&c| f64::from(c)).collect());
-        }
-        Self::Wide((0..lattice.code.len()).map(|i| lattice.value(i, coding)).collect())
-    }
-
-    /// Height at an index.
-    #[inline]
-    pub fn get(&self, index: usize) -> f64 {
-        match self {
-            Self::Narrow(z) => f64::from(z[index]),
-            Self::Wide(z) => z[index],
-        }
-    }
-
-    /// What rounding in f64 may have lost: 0 for integers, whose arithmetic is exact.
-    pub fn slack(&self, coding: Coding) -> f64 {
-        match (self, coding) {
-            (_, Coding::Integer { .. }) | (Self::Narrow(_), _) => 0.0,
-            (Self::Wide(z), _) => z.iter().fold(0.0, |a: f64, v| a.max(v.abs())) * (0.5_f64).powi(49),
-        }
-    }
-}
-
-/// Ramps for either kind of heights.
-struct AllRamps {
-    narrow: Ramps<i32>,
-    wide: Ramps<f64>,
-}
-
-/// What cells are measured on.
-pub struct Field<'a> {
-    /// Heights of the tile.
-    pub heights: &'a Heights,
-    /// Its states.
-    pub state: &'a [u8],
-    /// Occupancy of its unit cells.
-    pub unit: &'a [u8],
-    /// Intervals on a side.
-    pub n: usize,
-}
-
-impl Field<'_> {
-    fn at(&self, x: usize, y: usize) -> usize {
-        y * (self.n + 1) + x
-    }
-
-    /// True if all four corners of a cell are valid.
-    fn has_corners(&self, x0: usize, y0: usize, s: usize) -> bool {
-        let corners = [self.at(x0, y0), self.at(x0 + s, y0), self.at(x0, y0 + s), self.at(x0 + s, y0 + s)];
-        corners.iter().all(|&i| self.state[i] == VALID)
-    }
-
-    fn validity(&self, index: usize) -> f64 {
-        f64::from(u8::from(self.state[index] == VALID))
-    }
-
-    /// Largest `|z - D|` over the cell at `(x0, y0)` if its corners are valid: at its valid samples, and where an outline
-    /// crosses a unit cell.
-    fn holed_cell(&self, x0: usize, y0: usize, cell: Cell, ramps: &mut AllRamps) -> f64 {
-        let s = cell.s;
-        let corners = [self.at(x0, y0), self.at(x0 + s, y0), self.at(x0, y0 + s), self.at(x0 + s, y0 + s)];
-        let planes = cell.planes(corners.map(|i| self.heights.get(i)));
-        let shown = Plane::constant(1.0);
-        let mut worst = self.samples::<true>(x0, y0, cell, ramps);
-        for y in 0..s {
-            let from = (y0 + y) * self.n + x0;
-            let row = &self.unit[from..from + s];
-            // Most rows of most cells have no outline, and this is a fast way to see it.
-            if !row.contains(&(HAS_VALID | HAS_VOID)) {
-                continue;
-            }
-            for (x, _) in row.iter().enumerate().filter(|(_, bits)| **bits == HAS_VALID | HAS_VOID) {
-                for (triangle, &plane) in planes.iter().enumerate() {
-                    worst = worst.max(self.unit_cell((x0, y0), (x, y), cell, triangle, (plane, shown)));
-                }
-            }
-        }
-        worst
-    }
-
-    /// Largest `|z - D|` at the samples (`MASKED`: the valid ones) of the cell at `(x0, y0)`, whose corners are valid.
-    fn samples<const MASKED: bool>(&self, x0: usize, y0: usize, cell: Cell, ramps: &mut AllRamps) -> f64 {
-        let from = self.at(x0, y0);
-        let (state, stride) = (&self.state[from..], self.n + 1);
-        let worst = match self.heights {
-            Heights::Narrow(z) => {
-                f64::from(farthest::<i32, MASKED>(&z[from..], state, stride, cell, &mut ramps.narrow))
-            }
-            Heights::Wide(z) => farthest::<f64, MASKED>(&z[from..], state, stride, cell, &mut ramps.wide),
-        };
-        worst / cell.s as f64
-    }
-
-    /// Largest `|z - D|` where both surfaces are shown, over the cell at `(x0, y0)`, voids and all.
-    fn mixed_cell(&self, x0: usize, y0: usize, cell: Cell) -> f64 {
-        let s = cell.s;
-        let corners = [self.at(x0, y0), self.at(x0 + s, y0), self.at(x0, y0 + s), self.at(x0 + s, y0 + s)];
-        let heights = cell.planes(corners.map(|i| self.heights.get(i)));
-        let validity = cell.planes(corners.map(|i| self.validity(i)));
-        let mut worst = 0.0_f64;
-        for triangle in 0..2 {
-            if cell.corners(triangle).iter().all(|&i| self.state[corners[i]] != VALID) {
-                continue;
-            }
-            let planes = (heights[triangle], validity[triangle]);
-            worst = self.valid_samples(x0, y0, cell, triangle, planes, worst);
-            for y in 0..s {
-                for x in cell_columns(cell, triangle, y) {
-                    let bits = self.unit[(y0 + y) * self.n + x0 + x];
-                    if bits & HAS_VALID != 0 && crossed(planes.1, x, y, bits) {
-                        worst = worst.max(self.unit_cell((x0, y0), (x, y), cell, triangle, planes));
-                    }
-                }
-            }
-        }
-        worst
-    }
-
-    /// Valid samples under one drawn triangle, where it is shown.
-    fn valid_samples(
-        &self,
-        x0: usize,
-        y0: usize,
-        cell: Cell,
-        triangle: usize,
-        (height, validity): (Plane, Plane),
-        worst: f64,
-    ) -> f64 {
-        let s = cell.s;
-        let mut worst = worst;
-        for y in 0..=s {
-            let columns = match (cell.falling, triangle) {
-                (true, 0) => y..=s,
-                (true, _) => 0..=y,
-                (false, 0) => 0..=s - y,
-                (false, _) => s - y..=s,
-            };
-            for x in columns {
-                let index = self.at(x0 + x, y0 + y);
-                let (i, j) = (x as f64, y as f64);
-                if self.state[index] == VALID && validity.value(i, j) >= 0.5 {
-                    worst = worst.max((self.heights.get(index) - height.value(i, j)).abs());
-                }
-            }
-        }
-        worst
-    }
-
-    /// The two fine triangles of unit cell `(x, y)` of the cell at `(x0, y0)`, as far as they lie in `triangle`.
-    fn unit_cell(
-        &self,
-        (x0, y0): (usize, usize),
-        (x, y): (usize, usize),
-        cell: Cell,
-        triangle: usize,
-        (height, validity): (Plane, Plane),
-    ) -> f64 {
-        let unit = Cell { s: 1, falling: (x0 + x + y0 + y).is_multiple_of(2) };
-        let mut worst = 0.0_f64;
-        for part in 0..2 {
-            let corners = unit.corners(part).map(|i| (x + (i & 1), y + (i >> 1)));
-            let middle = corners.iter().fold((0, 0), |sum, c| (sum.0 + c.0, sum.1 + c.1));
-            if cell.triangle(middle.0 as f64 / 3.0, middle.1 as f64 / 3.0) != triangle {
-                continue;
-            }
-            let vertices = corners.map(|(i, j)| {
-                let index = self.at(x0 + i, y0 + j);
-                let (i, j) = (i as f64, j as f64);
-                Vertex {
-                    fine: self.validity(index),
-                    drawn: validity.value(i, j),
-                    difference: self.heights.get(index) - height.value(i, j),
-                }
-            });
-            worst = worst.max(shown_difference(vertices));
-        }
-        worst
-    }
-}
-
-/// Columns of the unit cells that have a part in a triangle, in row `y` of the cell.
-fn cell_columns(cell: Cell, triangle: usize, y: usize) -> std::ops::Range<usize> {
-    let s = cell.s;
-    match (cell.falling, triangle) {
-        (true, 0) => y..s,
-        (true, _) => 0..y + 1,
-        (false, 0) => 0..s - y,
-        (false, _) => s - 1 - y..s,
-    }
-}
-
-/// True if an outline may run through a unit cell and something of it is shown: elsewhere its samples say it all.
-fn crossed(validity: Plane, x: usize, y: usize, bits: u8) -> bool {
-    let (low, high) = validity.range(x as f64, y as f64);
-    high >= 0.5 && (low < 0.5 || bits & HAS_VOID != 0)
-}
+use crate::sample::{Coding, Lattice};
+use crate::simd;
 
 /// Vertical errors in metres of all cells of 1, 2, 4 .. T intervals of a leaf tile: `[step][patch]` up to the patch size,
 /// then one square of cells for each larger size.
@@ -236,44 +23,298 @@ pub fn leaf(
     unit: &[u8],
     geometry: &TileGeometry,
 ) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
-    let n = geometry.n;
     let heights = Heights::new(lattice, coding);
-    let field = Field { heights: &heights, state: &lattice.state, unit, n };
     let slack = heights.slack(coding);
-    let patches = geometry.patches();
-    let mut steps = vec![vec![0.0; patches * patches]];
-    let mut ahead = Vec::new();
-    let mut state = unit.to_vec();
-    let mut s = 2;
-    while s <= n {
-        let mut ramps = AllRamps { narrow: Ramps::new(s), wide: Ramps::new(s) };
-        state = reduce_state(&state, 2 * n / s);
-        let cells = n / s;
-        let side = if s <= geometry.patch { patches } else { cells };
-        let mut errors = vec![0.0_f64; side * side];
-        for row in 0..cells {
-            for column in 0..cells {
-                let cell = Cell { s, falling: geometry.falling(s, column, row) };
-                let error = match state[row * cells + column] {
-                    HAS_VALID => field.samples::<false>(column * s, row * s, cell, &mut ramps),
-                    HAS_VOID => 0.0,
-                    _ if field.has_corners(column * s, row * s, s) => {
-                        field.holed_cell(column * s, row * s, cell, &mut ramps)
-                    }
-                    _ => field.mixed_cell(column * s, row * s, cell),
-                };
-                let error = if error > 0.0 { (error + slack) * geometry.metres } else { 0.0 };
-                let to = &mut errors[(row * side / cells) * side + column * side / cells];
-                *to = to.max(error);
-            }
-        }
-        if s <= geometry.patch {
-            steps.push(errors);
-        } else {
-            ahead.push(errors);
-        }
-        s *= 2;
+    let exact = matches!(coding, Coding::Integer { .. });
+    let mut steps = match &heights {
+        Heights::Narrow(z) => sizes(Tile::new(z, &lattice.state, unit, exact, slack, geometry)),
+        Heights::Wide(z) => sizes(Tile::new(z, &lattice.state, unit, exact, slack, geometry)),
+    };
+    for error in steps.iter_mut().flatten() {
+        *error = if *error > 0.0 { (*error + slack) * geometry.metres } else { 0.0 };
     }
+    let ahead = steps.split_off(geometry.steps());
     make_monotone(&mut steps);
     (steps, ahead)
+}
+
+/// A leaf tile that is measured.
+struct Tile<'a, N> {
+    z: &'a [N],
+    state: &'a [u8],
+    exact: bool,
+    geometry: &'a TileGeometry,
+    /// What its cells with voids need; `None` if there are no voids.
+    holed: Option<Holed<'a, N>>,
+}
+
+impl<'a, N: Number> Tile<'a, N> {
+    fn new(
+        z: &'a [N],
+        state: &'a [u8],
+        unit: &'a [u8],
+        exact: bool,
+        slack: f64,
+        geometry: &'a TileGeometry,
+    ) -> Self {
+        let n = geometry.n;
+        let full = unit.iter().fold(HAS_VALID, |all, bits| all | bits) == HAS_VALID;
+        // The sums of a size of 2^10 may lose a thousand times as much as one operation.
+        let margin = slack * 1024.0;
+        let holed = (!full).then(|| Holed { z, unit, n, exact, margin, class: classes(state, n) });
+        Self { z, state, exact, geometry, holed }
+    }
+
+    fn cell(&self, s: usize, column: usize, row: usize) -> Cell {
+        Cell { s, falling: self.geometry.falling(s, column, row) }
+    }
+
+    /// Largest `s |z - D|` of all cells of a size that `counts` says count.
+    fn whole_strips(&self, s: usize, counts: &dyn Fn(usize) -> bool) -> Vec<N> {
+        let (z, n, exact, falling) = (self.z, self.geometry.n, self.exact, self.geometry.falling(s, 0, 0));
+        // Two vectors of 32 bytes for each column of a strip's state.
+        if size_of::<N>() == 4 && s >= 16 {
+            simd::run(Cells::<N, 16> { z, n, s, falling, exact, counts })
+        } else {
+            simd::run(Cells::<N, 8> { z, n, s, falling, exact, counts })
+        }
+    }
+}
+
+/// Errors of one size: the largest of the cells in each square of a grid.
+struct Grid {
+    errors: Vec<f64>,
+    /// Squares on a side.
+    side: usize,
+    /// Bits of the number of cells on a side of a square.
+    bits: u32,
+}
+
+impl Grid {
+    fn new(s: usize, geometry: &TileGeometry) -> Self {
+        let cells = geometry.n / s;
+        let side = cells.min(geometry.patches());
+        Self { errors: vec![0.0; side * side], side, bits: (cells / side).trailing_zeros() }
+    }
+
+    fn of(&mut self, column: usize, row: usize) -> &mut f64 {
+        &mut self.errors[(row >> self.bits) * self.side + (column >> self.bits)]
+    }
+}
+
+/// Errors for every size, in the numbers of the heights.
+fn sizes<N: Number>(tile: Tile<'_, N>) -> Vec<Vec<f64>> {
+    let geometry = tile.geometry;
+    let n = geometry.n;
+    let mut errors = vec![vec![0.0; geometry.patches() * geometry.patches()]];
+    let mut small = (n >= TEETH).then(|| simd::run(Comb { z: tile.z, n }));
+    // Occupancy of the cells of a size, if there are voids.
+    let mut state = tile.holed.as_ref().map(|holed| holed.unit.to_vec());
+    let mut s = 2;
+    while s <= n {
+        let mut grid = Grid::new(s, geometry);
+        if let Some(state) = &mut state {
+            *state = reduce_state(state, 2 * n / s);
+        }
+        let state = state.as_deref();
+        match &mut small {
+            Some(small) if s < TEETH => small_cells(&tile, small, s, state, &mut grid),
+            _ => large_cells(&tile, s, state, &mut grid),
+        }
+        errors.push(grid.errors);
+        s *= 2;
+    }
+    errors
+}
+
+/// Cells that have been measured as if all samples were valid.
+fn small_cells<N: Number>(
+    tile: &Tile<'_, N>,
+    small: &mut SmallCells<N>,
+    s: usize,
+    state: Option<&[u8]>,
+    grid: &mut Grid,
+) {
+    let cells = tile.geometry.n / s;
+    let scale = 1.0 / s as f64;
+    // Cells with voids are taken out; what was measured bounds what they have.
+    let mut apart = Vec::new();
+    for (row, state) in state.into_iter().flat_map(|state| state.chunks_exact(cells).enumerate()) {
+        for (column, &bits) in state.iter().enumerate().filter(|(_, bits)| **bits != HAS_VALID) {
+            let bound = std::mem::replace(small.of(s, column, row), N::ZERO);
+            if bits == HAS_VALID | HAS_VOID {
+                apart.push((column, row, bound.wide() * scale));
+            }
+        }
+    }
+    if tile.geometry.patch < TEETH {
+        for (row, column) in (0..cells * cells).map(|i| (i / cells, i % cells)) {
+            let to = grid.of(column, row);
+            *to = to.max(small.of(s, column, row).wide() * scale);
+        }
+    } else {
+        let (mut columns, squares) = (Vec::new(), 1 << grid.bits);
+        for row in (0..cells).step_by(squares) {
+            small.columns(s, row..row + squares, &mut columns);
+            for (lane, worst) in columns.iter().enumerate().take(tile.geometry.n / TEETH) {
+                let to = grid.of(lane * TEETH / s, row);
+                *to = to.max(worst.wide() * scale);
+            }
+        }
+    }
+    let Some(holed) = &tile.holed else { return };
+    for (column, row, bound) in apart {
+        let place = Place { cell: tile.cell(s, column, row), x: column * s, y: row * s };
+        let to = grid.of(column, row);
+        *to = holed.cell(place, bound, *to);
+    }
+}
+
+/// Cells that are measured one by one.
+fn large_cells<N: Number>(tile: &Tile<'_, N>, s: usize, state: Option<&[u8]>, grid: &mut Grid) {
+    let n = tile.geometry.n;
+    let cells = n / s;
+    let occupancy = |at: usize| state.map_or(HAS_VALID, |state| state[at]);
+    let full = if s < TEETH {
+        let cell = |at: usize| {
+            let (column, row) = (at % cells, at / cells);
+            let from = row * s * (n + 1) + column * s;
+            narrow_cell(&tile.z[from..], &tile.state[from..], n + 1, tile.cell(s, column, row))
+        };
+        (0..cells * cells).map(|at| if occupancy(at) == HAS_VALID { cell(at) } else { N::ZERO }).collect()
+    } else {
+        tile.whole_strips(s, &|at| occupancy(at) == HAS_VALID)
+    };
+    let scale = 1.0 / s as f64;
+    for (at, worst) in full.iter().enumerate() {
+        let to = grid.of(at % cells, at / cells);
+        *to = to.max(worst.wide() * scale);
+    }
+    let Some(holed) = &tile.holed else { return };
+    for at in (0..cells * cells).filter(|&at| occupancy(at) == HAS_VALID | HAS_VOID) {
+        let (column, row) = (at % cells, at / cells);
+        let place = Place { cell: tile.cell(s, column, row), x: column * s, y: row * s };
+        let to = grid.of(column, row);
+        *to = holed.cell(place, f64::INFINITY, *to);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geo::Spacing;
+    use crate::patch::blocks::Blocks;
+    use crate::patch::cell::{Vertex, shown_difference};
+    use crate::sample::{FILLED, VALID, code_from_f32};
+    use proptest::prelude::*;
+
+    /// A tile of rough terrain with round voids and single void samples.
+    fn tile(n: usize, seed: u64, holes: u64, mut height: impl FnMut(u64) -> i32) -> Lattice {
+        let mut state = seed | 1;
+        let mut random = move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state >> 33
+        };
+        let discs: Vec<[u64; 3]> = (0..holes)
+            .map(|_| [random() % (n as u64 + 1), random() % (n as u64 + 1), random() % 60])
+            .collect();
+        let mut lattice = Lattice::new(n, Coding::Integer { scale: 1.0, offset: 0.0 });
+        for index in 0..lattice.code.len() {
+            let (x, y) = ((index % (n + 1)) as u64, (index / (n + 1)) as u64);
+            let within = |d: &[u64; 3]| d[0].abs_diff(x).pow(2) + d[1].abs_diff(y).pow(2) < d[2];
+            let void = discs.iter().any(within) || holes > 0 && random() % 64 == 0;
+            lattice.state[index] = if void { FILLED } else { VALID };
+            lattice.code[index] = height(random());
+        }
+        lattice
+    }
+
+    /// The largest difference of every square of a size: all fine triangles, clipped.
+    fn clipped(lattice: &Lattice, coding: Coding, geometry: &TileGeometry, s: usize) -> Vec<f64> {
+        let mut grid = Grid::new(s, geometry);
+        let cells = geometry.n / s;
+        let height = |i: usize| match coding {
+            Coding::Integer { .. } => f64::from(lattice.code[i]),
+            _ => lattice.value(i, coding),
+        };
+        let validity = |i: usize| f64::from(u8::from(lattice.state[i] == VALID));
+        for (column, row) in (0..cells * cells).map(|i| (i % cells, i / cells)) {
+            let cell = Cell { s, falling: geometry.falling(s, column, row) };
+            let (x0, y0) = (column * s, row * s);
+            let corners = [(0, 0), (s, 0), (0, s), (s, s)].map(|(x, y)| lattice.at(x0 + x, y0 + y));
+            let (heights, shown) = (cell.planes(corners.map(height)), cell.planes(corners.map(validity)));
+            let to = grid.of(column, row);
+            for (x, y) in (0..s * s).map(|i| (i % s, i / s)) {
+                let unit = Cell { s: 1, falling: (x0 + x + y0 + y).is_multiple_of(2) };
+                for part in 0..2 {
+                    let points = unit.corners(part).map(|i| (x + (i & 1), y + (i >> 1)));
+                    let middle = points.iter().fold((0.0, 0.0), |m, p| (m.0 + p.0 as f64, m.1 + p.1 as f64));
+                    let triangle = cell.triangle(middle.0 / 3.0, middle.1 / 3.0);
+                    let vertices = points.map(|(i, j)| {
+                        let (at, i, j) = (lattice.at(x0 + i, y0 + j), i as f64, j as f64);
+                        Vertex {
+                            fine: validity(at),
+                            drawn: shown[triangle].value(i, j),
+                            difference: height(at) - heights[triangle].value(i, j),
+                        }
+                    });
+                    *to = to.max(shown_difference(vertices));
+                }
+            }
+        }
+        grid.errors
+    }
+
+    /// Errors of all sizes by both ways.
+    fn both(lattice: &Lattice, coding: Coding, patch: usize, odd: bool) -> [Vec<Vec<f64>>; 2] {
+        let n = lattice.n;
+        let spacing = Spacing { dx: 30.0, dy: 20.0 };
+        let geometry = TileGeometry { n, patch, odd, spacing, metres: 1.0 };
+        let (unit, _) = Blocks::of_leaf(lattice, coding, &geometry);
+        let (mut errors, ahead) = leaf(lattice, coding, &unit, &geometry);
+        errors.extend(ahead);
+        let sizes = (1..=n.trailing_zeros()).map(|bits| clipped(lattice, coding, &geometry, 1 << bits));
+        let patches = geometry.patches() * geometry.patches();
+        let mut expected: Vec<_> = std::iter::once(vec![0.0; patches]).chain(sizes).collect();
+        make_monotone(&mut expected[..geometry.steps()]);
+        [errors, expected]
+    }
+
+    const METRES: Coding = Coding::Integer { scale: 1.0, offset: 0.0 };
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(200))]
+
+        #[test]
+        fn integers_equal_all_triangles_clipped(
+            bits in 3_u32..7,
+            patch in 2_u32..7,
+            odd: bool,
+            seed: u64,
+            holes in prop_oneof![Just(0_u64), 1..8_u64, 40..80_u64],
+            // Bits of the range: up to 16 codes stay 32 bits wide; the rest has another kind of sums.
+            (range, low) in prop_oneof![Just((10, 0)), Just((16, 1 << 20)), Just((20, -(1 << 19))), Just((30, -5))],
+        ) {
+            let n = 1 << bits;
+            let lattice = tile(n, seed, holes, |random| low + (random % (1 << range)) as i32);
+            let [errors, expected] = both(&lattice, METRES, 1 << patch.min(bits), odd);
+            prop_assert_eq!(errors, expected);
+        }
+
+        #[test]
+        fn floats_are_at_most_rounding_above_all_triangles_clipped(
+            bits in 3_u32..7,
+            patch in 2_u32..7,
+            odd: bool,
+            seed: u64,
+            holes in prop_oneof![Just(0_u64), 1..8_u64, 40..80_u64],
+        ) {
+            let n = 1 << bits;
+            let lattice = tile(n, seed, holes, |random| code_from_f32(random as f32 / 777.0 - 5e5));
+            let [errors, expected] = both(&lattice, Coding::Float32, 1 << patch.min(bits), odd);
+            for (error, expected) in errors.iter().flatten().zip(expected.iter().flatten()) {
+                prop_assert!(error >= expected && *error <= expected + 1e-6, "{} {}", error, expected);
+            }
+        }
+    }
 }

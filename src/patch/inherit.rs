@@ -4,9 +4,9 @@ use crate::patch::blocks::Blocks;
 use crate::patch::{Errors, TileGeometry, envelope, exact, make_monotone, outline, paper};
 use crate::sample::{Coding, Lattice};
 
-/// Errors of a leaf tile by metric `bound`; `blocks` are its own unit blocks.
-pub fn leaf_bound(lattice: &Lattice, blocks: &Blocks, coding: Coding, geometry: &TileGeometry) -> Errors {
-    let (vertical, ahead_vertical) = exact::leaf(lattice, coding, &blocks.state, geometry);
+/// Errors of a leaf tile by metric `bound`; `unit` is the occupancy of its unit cells.
+pub fn leaf_bound(lattice: &Lattice, unit: &[u8], coding: Coding, geometry: &TileGeometry) -> Errors {
+    let (vertical, ahead_vertical) = exact::leaf(lattice, coding, unit, geometry);
     let outline = outline::leaf(&lattice.state, geometry.n, geometry.patch, geometry.odd, geometry.spacing);
     let mut errors =
         Errors { vertical, horizontal: outline.steps, ahead_vertical, ahead_horizontal: outline.ahead };

@@ -9,10 +9,15 @@
 
 pub mod blocks;
 pub mod cell;
+mod clipped;
+mod comb;
 pub mod distance;
 pub mod envelope;
 pub mod exact;
+mod heights;
+mod holed;
 pub mod inherit;
+mod number;
 pub mod outline;
 pub mod paper;
 mod rows;

@@ -7,7 +7,8 @@ use crate::patch::Errors;
 use crate::patch::blocks::Blocks;
 use crate::pipeline::bytes::{Reader, Writer, unpacked};
 use crate::pipeline::plan::Plan;
-use crate::sample::{Coding, Lattice, VALID};
+use crate::sample::{Coding, FILLED, Lattice, VALID, VOID};
+use crate::simd::{self, Kernel};
 
 /// A quarter of a parent.
 #[derive(Clone, Debug, PartialEq)]
@@ -184,24 +185,23 @@ impl Range {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// Range of the samples whose state is at least `state`.
-    pub fn of(lattice: &Lattice, coding: Coding, least: u8) -> Self {
+    /// Range of the samples that have a height, filled or valid, and of the valid ones alone.
+    pub fn of(lattice: &Lattice, coding: Coding) -> [Self; 2] {
         if coding.has_low() {
-            let known = (0..lattice.state.len()).filter(|&i| lattice.state[i] >= least);
-            return known
-                .map(|i| lattice.value(i, coding))
-                .fold(Self::EMPTY, |range, v| Self { low: range.low.min(v), high: range.high.max(v) });
+            return [FILLED, VALID].map(|least| {
+                let known = (0..lattice.state.len()).filter(|&i| lattice.state[i] >= least);
+                known
+                    .map(|i| lattice.value(i, coding))
+                    .fold(Self::EMPTY, |range, v| Self { low: range.low.min(v), high: range.high.max(v) })
+            });
         }
-        let codes = || lattice.code.iter().zip(&lattice.state);
-        let low = codes()
-            .fold(i32::MAX, |low, (&code, &state)| low.min(if state >= least { code } else { i32::MAX }));
-        let high = codes()
-            .fold(i32::MIN, |high, (&code, &state)| high.max(if state >= least { code } else { i32::MIN }));
-        if low > high {
-            return Self::EMPTY;
-        }
-        let (a, b) = (coding.value(low, 0), coding.value(high, 0));
-        Self { low: a.min(b), high: a.max(b) }
+        simd::run(Extremes { code: &lattice.code, state: &lattice.state }).map(|(low, high)| {
+            if low > high {
+                return Self::EMPTY;
+            }
+            let (a, b) = (coding.value(low, 0), coding.value(high, 0));
+            Self { low: a.min(b), high: a.max(b) }
+        })
     }
 
     /// In metres.
@@ -216,5 +216,37 @@ impl Range {
         let down = if f64::from(low as f32) > low { (low as f32).next_down() } else { low as f32 };
         let up = if f64::from(high as f32) < high { (high as f32).next_up() } else { high as f32 };
         (down, up)
+    }
+}
+
+/// Lowest and highest code of the samples that are not void, and of the valid ones.
+struct Extremes<'a> {
+    code: &'a [i32],
+    state: &'a [u8],
+}
+
+impl Kernel for Extremes<'_> {
+    type Output = [(i32, i32); 2];
+
+    #[inline(always)]
+    fn run(self) -> [(i32, i32); 2] {
+        const NONE: (i32, i32) = (i32::MAX, i32::MIN);
+        if self.state.iter().fold(0, |other, &state| other | u8::from(state != VALID)) == 0 {
+            let (low, high) =
+                self.code.iter().fold(NONE, |(low, high), &code| (low.min(code), high.max(code)));
+            return [(low, high); 2];
+        }
+        let [mut known, mut valid] = [NONE; 2];
+        for (&code, &state) in self.code.iter().zip(self.state) {
+            let within = |range: (i32, i32), counts: bool| {
+                (
+                    range.0.min(if counts { code } else { i32::MAX }),
+                    range.1.max(if counts { code } else { i32::MIN }),
+                )
+            };
+            known = within(known, state != VOID);
+            valid = within(valid, state == VALID);
+        }
+        [known, valid]
     }
 }

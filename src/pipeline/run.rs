@@ -21,7 +21,7 @@ use crate::pipeline::tally::Tally;
 use crate::pipeline::work::Work;
 use crate::pipeline::{BuildOptions, CHECKPOINT, Observer, Stage};
 use crate::source::{Source, SourceInfo};
-use crate::tile::code::{CodeRows, Recipe, max_magnitude};
+use crate::tile::code::{Recipe, max_magnitude};
 use crate::tile::split;
 
 /// A window all of whose rows have been through the sweep.
@@ -280,16 +280,13 @@ impl Bands<'_> {
             ..(self.window.columns.end + 1).min(plan.columns_of_tiles(plan.levels));
         let samples = plan.samples_of(&columns, info.width);
         let window = self.source.read_window(samples.clone(), plan.samples_of(&(y..y + 1), info.height))?;
-        let mut codes = CodeRows::default();
-        plan.recipe.encode(&window, &mut codes);
-        drop(window);
         let own = |x: u32| y >= first && self.window.contains(x, y);
         let slots = columns
             .clone()
             .into_par_iter()
             .map(|x| {
                 let local = (x - columns.start) as usize;
-                let Some(lattice) = split::leaf(&codes, samples.len(), local, plan.tile, plan.recipe.coding)
+                let Some(lattice) = split::leaf(&window, samples.len(), local, plan.tile, &plan.recipe)
                 else {
                     return Slot::Empty;
                 };

@@ -6,11 +6,11 @@ use crate::container::layout::Metric;
 use crate::container::writer::{TileChunks, TileRecord};
 use crate::error::Result;
 use crate::error_code::code_from_metres;
-use crate::patch::blocks::Blocks;
+use crate::patch::blocks::{Blocks, occupied};
 use crate::patch::{Errors, TileGeometry, inherit};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::quarter::{Quarter, Range};
-use crate::sample::{FILLED, Lattice, VALID};
+use crate::sample::{Lattice, VALID};
 use crate::tile::{TileId, downsample};
 
 /// A tile before its own turn: its lattice, and what its children left for it.
@@ -95,12 +95,11 @@ impl Work {
     pub fn finish(&mut self, id: TileId, plan: &Plan, scratch: &mut Scratch) -> Result<Finished> {
         let coding = plan.recipe.coding;
         let geometry = plan.geometry(id);
-        let own = Range::of(&self.lattice, coding, FILLED);
+        let [own, valid] = Range::of(&self.lattice, coding);
         let below = self.below.take();
         let children = below.as_ref().map_or(0, |b| b.children);
         let range = below.as_ref().map_or(own, |b| own.join(b.range));
-        let (blocks, errors) = self.errors(below, plan, &geometry);
-        let occupied = blocks.occupied(plan.patch);
+        let (occupied, blocks, errors) = self.errors(below, plan, &geometry);
         let table = stored_table(&self.lattice, &errors, &occupied, plan, &geometry);
         let mut chunks = TileChunks::default();
         let root = id == TileId::ROOT;
@@ -120,26 +119,27 @@ impl Work {
             min_m,
             max_m,
         };
-        let quarter = Quarter {
-            lattice: downsample::halve(&self.lattice, coding),
-            blocks: blocks.halved(),
-            errors,
-            range,
-        };
-        let census = census(&self.lattice, id, plan);
+        let quarter = Quarter { lattice: downsample::halve(&self.lattice, coding), blocks, errors, range };
+        let census = census(&self.lattice, valid, id, plan);
         Ok(Finished { record, chunks, table, occupied, census, quarter })
     }
 
-    fn errors(&self, below: Option<Below>, plan: &Plan, geometry: &TileGeometry) -> (Blocks, Errors) {
+    /// Patches with a valid sample in or below them, blocks for the parent, and errors.
+    fn errors(
+        &self,
+        below: Option<Below>,
+        plan: &Plan,
+        geometry: &TileGeometry,
+    ) -> (Vec<bool>, Blocks, Errors) {
         let (lattice, coding) = (&self.lattice, plan.recipe.coding);
         match below {
             None => {
-                let blocks = Blocks::of_leaf(lattice, coding, geometry);
+                let (unit, blocks) = Blocks::of_leaf(lattice, coding, geometry);
                 let errors = match plan.metric {
-                    Metric::Bound => inherit::leaf_bound(lattice, &blocks, coding, geometry),
+                    Metric::Bound => inherit::leaf_bound(lattice, &unit, coding, geometry),
                     Metric::Paper => inherit::leaf_paper(lattice, coding, geometry),
                 };
-                (blocks, errors)
+                (occupied(&unit, plan.tile, plan.patch), blocks, errors)
             }
             Some(Below { blocks, errors, .. }) => {
                 let children = errors.each_ref().map(Option::as_ref);
@@ -147,19 +147,19 @@ impl Work {
                     Metric::Bound => inherit::parent_bound(children, lattice, &blocks, coding, geometry),
                     Metric::Paper => inherit::parent_paper(children, lattice, coding, geometry),
                 };
-                (blocks, errors)
+                (occupied(&blocks.state, plan.tile, plan.patch), blocks.halved(), errors)
             }
         }
     }
 }
 
-/// Counts the tile's own samples. Neighbours share a column and a row: it belongs to the tile that starts with it.
-fn census(lattice: &Lattice, id: TileId, plan: &Plan) -> Census {
+/// Counts the tile's own samples; `range` is that of the valid ones. Neighbours share a column and a row: it belongs to the tile that starts with it.
+fn census(lattice: &Lattice, range: Range, id: TileId, plan: &Plan) -> Census {
     let last = (1_u32 << id.level) - 1;
     let (columns, rows) = (lattice.n + usize::from(id.x == last), lattice.n + usize::from(id.y == last));
     let row = |y: usize| &lattice.state[lattice.at(0, y)..lattice.at(0, y) + columns];
-    let valid = (0..rows).map(|y| row(y).iter().filter(|&&s| s == VALID).count() as u64).sum();
-    let range = Range::of(lattice, plan.recipe.coding, VALID);
+    let count = |row: &[u8]| row.iter().map(|&state| u32::from(state == VALID)).sum::<u32>();
+    let valid = (0..rows).map(|y| u64::from(count(row(y)))).sum();
     Census { valid, range_m: (range.low <= range.high).then(|| range.metres(plan)) }
 }
 

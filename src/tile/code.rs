@@ -2,8 +2,11 @@
 //!
 //! Everything after this module works on what a reader will decode: quantise first, then measure errors.
 
+use std::ops::Range;
+
 use crate::error::{Error, Result};
 use crate::sample::{Coding, SampleType, VALID, VOID, code_from_f32, code_from_f64};
+use crate::simd::{self, Kernel};
 use crate::source::{Samples, SourceInfo, Window};
 
 /// How raw samples become codes.
@@ -17,17 +20,51 @@ pub struct Recipe {
     pub quantised: bool,
 }
 
-/// Rows of a raster as codes, all of its width.
+/// Codes that are added to one after the other.
 #[derive(Clone, Debug, Default)]
-pub struct CodeRows {
-    /// Codes, row by row.
+pub struct Codes {
+    /// Codes.
     pub code: Vec<i32>,
     /// Lower halves of float64 samples; empty otherwise.
     pub low: Vec<u32>,
     /// `VALID` or `VOID`.
     pub state: Vec<u8>,
-    /// Largest difference between a decoded and a source value, in value units; 0 unless quantised.
-    pub max_error: f64,
+}
+
+impl Codes {
+    /// Adds `count` void samples.
+    pub fn add_void(&mut self, count: usize, coding: Coding) {
+        self.code.resize(self.code.len() + count, 0);
+        self.state.resize(self.state.len() + count, VOID);
+        if coding.has_low() {
+            self.low.resize(self.low.len() + count, 0);
+        }
+    }
+}
+
+/// Integers to codes, without rounding.
+struct Integers<'a, T> {
+    values: &'a [T],
+    offset: i64,
+    nodata: Option<T>,
+    out: &'a mut Codes,
+}
+
+impl<T: Copy + PartialEq + Into<i64>> Kernel for Integers<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let offset = self.offset;
+        self.out.code.extend(self.values.iter().map(|&raw| (raw.into() - offset) as i32));
+        match self.nodata {
+            Some(nodata) => {
+                let state = |&raw: &T| if raw == nodata { VOID } else { VALID };
+                self.out.state.extend(self.values.iter().map(state));
+            }
+            None => self.out.state.resize(self.out.state.len() + self.values.len(), VALID),
+        }
+    }
 }
 
 impl Recipe {
@@ -78,27 +115,21 @@ impl Recipe {
         Ok(Self { coding: Coding::Integer { scale: step, offset: 0.0 }, quantised: true, ..lossless })
     }
 
-    /// Codes of a window.
-    pub fn encode(&self, window: &Window, out: &mut CodeRows) {
-        let count = window.samples.len();
-        *out = CodeRows {
-            code: vec![0; count],
-            low: vec![0; if self.coding.has_low() { count } else { 0 }],
-            state: vec![VOID; count],
-            max_error: 0.0,
-        };
+    /// Adds the codes of some samples of a window.
+    pub fn encode(&self, window: &Window, run: Range<usize>, out: &mut Codes) {
+        let from = out.state.len();
         match &window.samples {
-            Samples::Int8(v) => self.integers(v, out),
-            Samples::Uint8(v) => self.integers(v, out),
-            Samples::Int16(v) => self.integers(v, out),
-            Samples::Uint16(v) => self.integers(v, out),
-            Samples::Int32(v) => self.integers(v, out),
-            Samples::Uint32(v) => self.integers(v, out),
-            Samples::Float32(v) => self.float32(v, out),
-            Samples::Float64(v) => self.float64(v, out),
+            Samples::Int8(v) => self.integers(&v[run.clone()], out),
+            Samples::Uint8(v) => self.integers(&v[run.clone()], out),
+            Samples::Int16(v) => self.integers(&v[run.clone()], out),
+            Samples::Uint16(v) => self.integers(&v[run.clone()], out),
+            Samples::Int32(v) => self.integers(&v[run.clone()], out),
+            Samples::Uint32(v) => self.integers(&v[run.clone()], out),
+            Samples::Float32(v) => self.float32(&v[run.clone()], out),
+            Samples::Float64(v) => self.float64(&v[run.clone()], out),
         }
         if let Some(mask) = &window.mask {
-            for (state, &valid) in out.state.iter_mut().zip(mask) {
+            for (state, &valid) in out.state[from..].iter_mut().zip(&mask[run]) {
                 if valid == 0 {
                     *state = VOID;
                 }
@@ -106,63 +137,51 @@ impl Recipe {
         }
     }
 
-    fn integers<T: Copy + Into<i64>>(&self, values: &[T], out: &mut CodeRows) {
+    fn integers<T: Copy + PartialEq + Into<i64> + TryFrom<i64>>(&self, values: &[T], out: &mut Codes) {
         // A nodata value that is no integer of this type matches nothing, as in GDAL.
-        let nodata =
-            self.nodata.filter(|v| v.fract() == 0.0 && v.abs() < 9e15).map_or(i64::MIN, |v| v as i64);
+        let nodata = self
+            .nodata
+            .filter(|v| v.fract() == 0.0 && v.abs() < 9e15)
+            .and_then(|v| T::try_from(v as i64).ok());
         let Coding::Integer { offset, .. } = self.coding else { return };
         if self.quantised {
-            for (i, &raw) in values.iter().enumerate() {
-                let value: i64 = raw.into();
-                if value != nodata {
-                    self.quantise(i, value as f64, f64::round, out);
-                }
-            }
+            let values = values.iter().map(|&raw| (Some(raw) != nodata).then(|| raw.into() as f64));
+            self.add(values, out);
+        } else {
+            simd::run(Integers { values, offset: offset as i64, nodata, out });
+        }
+    }
+
+    fn float32(&self, values: &[f32], out: &mut Codes) {
+        let nodata = self.nodata.map(|v| v as f32);
+        let is_valid = |value: f32| value.is_finite() && Some(value) != nodata;
+        if self.quantised {
+            self.add(values.iter().map(|&value| is_valid(value).then_some(f64::from(value))), out);
             return;
         }
-        let offset = offset as i64;
-        for ((&raw, code), state) in values.iter().zip(&mut out.code).zip(&mut out.state) {
-            let value: i64 = raw.into();
-            *code = (value - offset) as i32;
-            *state = if value == nodata { VOID } else { VALID };
-        }
+        out.code.extend(values.iter().map(|&value| if is_valid(value) { code_from_f32(value) } else { 0 }));
+        out.state.extend(values.iter().map(|&value| if is_valid(value) { VALID } else { VOID }));
     }
 
-    fn float32(&self, values: &[f32], out: &mut CodeRows) {
-        let nodata = self.nodata.map(|v| v as f32);
-        for (i, &value) in values.iter().enumerate() {
-            if !value.is_finite() || Some(value) == nodata {
-                continue;
-            }
-            if self.quantised {
-                self.quantise(i, f64::from(value), |decoded| f64::from(decoded as f32), out);
-            } else {
-                (out.code[i], out.state[i]) = (code_from_f32(value), VALID);
-            }
+    fn float64(&self, values: &[f64], out: &mut Codes) {
+        let is_valid = |value: f64| value.is_finite() && Some(value) != self.nodata;
+        if self.quantised {
+            self.add(values.iter().map(|&value| is_valid(value).then_some(value)), out);
+            return;
         }
+        let halves = |value: f64| if is_valid(value) { code_from_f64(value) } else { (0, 0) };
+        out.code.extend(values.iter().map(|&value| halves(value).0));
+        out.low.extend(values.iter().map(|&value| halves(value).1));
+        out.state.extend(values.iter().map(|&value| if is_valid(value) { VALID } else { VOID }));
     }
 
-    fn float64(&self, values: &[f64], out: &mut CodeRows) {
-        for (i, &value) in values.iter().enumerate() {
-            if !value.is_finite() || Some(value) == self.nodata {
-                continue;
-            }
-            if self.quantised {
-                self.quantise(i, value, |decoded| decoded, out);
-            } else {
-                (out.code[i], out.low[i]) = code_from_f64(value);
-                out.state[i] = VALID;
-            }
-        }
-    }
-
-    /// Nearest multiple of the step; the error is measured as decoded and as rounded to the source's type.
-    fn quantise(&self, index: usize, value: f64, rounded: impl Fn(f64) -> f64, out: &mut CodeRows) {
+    /// Adds values as the nearest multiples of the step, `None` as void.
+    fn add(&self, values: impl Iterator<Item = Option<f64>>, out: &mut Codes) {
         let Coding::Integer { scale, .. } = self.coding else { return };
-        let code = (value / scale).round() as i32;
-        let decoded = self.coding.value(code, 0);
-        out.max_error = out.max_error.max((decoded - value).abs()).max((rounded(decoded) - value).abs());
-        (out.code[index], out.state[index]) = (code, VALID);
+        for value in values {
+            out.code.push(value.map_or(0, |value| (value / scale).round() as i32));
+            out.state.push(if value.is_some() { VALID } else { VOID });
+        }
     }
 }
 

@@ -4,18 +4,23 @@ use crate::sample::{Coding, Lattice, VOID};
 
 /// The even samples of a tile: what its parent takes over.
 pub fn halve(child: &Lattice, coding: Coding) -> Lattice {
-    let mut half = Lattice::new(child.n / 2, coding);
-    for j in 0..=half.n {
-        for i in 0..=half.n {
-            let (from, to) = (child.at(2 * i, 2 * j), half.at(i, j));
-            half.state[to] = child.state[from];
-            half.code[to] = child.code[from];
-            if let Some(low) = half.low.get_mut(to) {
-                *low = child.low_at(from);
-            }
-        }
+    let n = child.n / 2;
+    Lattice {
+        n,
+        code: even(&child.code, child.n),
+        low: if coding.has_low() { even(&child.low, child.n) } else { Vec::new() },
+        state: even(&child.state, child.n),
     }
-    half
+}
+
+/// Every second sample of every second row of a plane of `n` intervals.
+fn even<T: Copy>(plane: &[T], n: usize) -> Vec<T> {
+    let mut out = Vec::with_capacity((n / 2 + 1) * (n / 2 + 1));
+    for row in plane.chunks_exact(n + 1).step_by(2) {
+        out.extend(row.chunks_exact(2).map(|pair| pair[0]));
+        out.extend(row.last());
+    }
+    out
 }
 
 /// Puts the halved child of quadrant `quadrant` into its parent's lattice.
@@ -25,8 +30,18 @@ pub fn halve(child: &Lattice, coding: Coding) -> Lattice {
 pub fn place(half: &Lattice, quadrant: u8, parent: &mut Lattice) {
     let (x0, y0) = (usize::from(quadrant & 1) * half.n, usize::from(quadrant >> 1) * half.n);
     for j in 0..=half.n {
-        for i in 0..=half.n {
-            let (from, to) = (half.at(i, j), parent.at(x0 + i, y0 + j));
+        let (from, to) = (half.at(0, j), parent.at(x0, y0 + j));
+        let (from, to) = (from..=from + half.n, to..=to + half.n);
+        let state = &half.state[from.clone()];
+        if !state.contains(&VOID) {
+            parent.state[to.clone()].copy_from_slice(state);
+            parent.code[to.clone()].copy_from_slice(&half.code[from.clone()]);
+            if !parent.low.is_empty() {
+                parent.low[to].copy_from_slice(&half.low[from]);
+            }
+            continue;
+        }
+        for (from, to) in from.zip(to) {
             if half.state[from] != VOID {
                 parent.state[to] = half.state[from];
                 parent.code[to] = half.code[from];

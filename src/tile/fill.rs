@@ -45,24 +45,17 @@ impl Neighbourhood<'_> {
         if !tile.state.contains(&VOID) {
             return fills;
         }
-        let mut open = vec![false; tile.state.len()];
-        for (index, &state) in tile.state.iter().enumerate() {
-            open[index] = state == VOID;
-        }
+        let mut open: Vec<bool> = tile.state.iter().map(|&state| state == VOID).collect();
         self.adopt(tile, &mut open, &mut fills);
+        let mut waiting = waiting(tile, &open, from);
         let mut spacing = from;
-        while spacing <= to {
-            for y in (0..=tile.n).step_by(spacing) {
-                for x in (0..=tile.n).step_by(spacing) {
-                    let index = tile.at(x, y);
-                    if open[index]
-                        && let Some((code, low)) = self.median(tile.n, x, y, spacing)
-                    {
-                        open[index] = false;
-                        fills.push((index, code, low));
-                    }
-                }
-            }
+        while spacing <= to && !waiting.is_empty() {
+            waiting.retain(|&(x, y)| {
+                let median = self.median(tile, x, y, spacing);
+                fills.extend(median.map(|(code, low)| (tile.at(x, y), code, low)));
+                // The next spacing looks at every second column and row.
+                median.is_none() && (x | y) & spacing == 0
+            });
             spacing *= 2;
         }
         fills
@@ -94,16 +87,33 @@ impl Neighbourhood<'_> {
     }
 
     /// Lower median of the valid samples among the eight at distance `spacing`.
-    fn median(&self, n: usize, x: usize, y: usize, spacing: usize) -> Option<(i32, u32)> {
+    fn median(&self, tile: &Lattice, x: usize, y: usize, spacing: usize) -> Option<(i32, u32)> {
+        let inside = |v: usize| v >= spacing && v + spacing <= tile.n;
         let mut found = [(0, 0); 8];
         let mut count = 0;
-        let s = spacing as isize;
-        for dy in [-s, 0, s] {
-            for dx in [-s, 0, s] {
-                if (dx, dy) == (0, 0) {
-                    continue;
+        if inside(x) && inside(y) {
+            let (at, down) = (tile.at(x, y), spacing * (tile.n + 1));
+            let around = [
+                at - down - spacing,
+                at - down,
+                at - down + spacing,
+                at - spacing,
+                at + spacing,
+                at + down - spacing,
+                at + down,
+                at + down + spacing,
+            ];
+            // Most void samples of a large void have none.
+            for at in around {
+                if tile.state[at] == VALID {
+                    found[count] = (tile.code[at], tile.low_at(at));
+                    count += 1;
                 }
-                let (state, code, low) = self.sample(n, x as isize + dx, y as isize + dy);
+            }
+        } else {
+            let (s, x, y) = (spacing as isize, x as isize, y as isize);
+            for (dx, dy) in [(-s, -s), (0, -s), (s, -s), (-s, 0), (s, 0), (-s, s), (0, s), (s, s)] {
+                let (state, code, low) = self.sample(tile.n, x + dx, y + dy);
                 if state == VALID {
                     found[count] = (code, low);
                     count += 1;
@@ -114,6 +124,21 @@ impl Neighbourhood<'_> {
         found.sort_unstable();
         found.get(count.checked_sub(1)? / 2).copied()
     }
+}
+
+/// Column and row of the open samples in every `spacing`-th column and row, row by row.
+fn waiting(tile: &Lattice, open: &[bool], spacing: usize) -> Vec<(usize, usize)> {
+    let mut waiting = Vec::new();
+    for (y, row) in open.chunks_exact(tile.n + 1).enumerate().step_by(spacing) {
+        // Few rows have any, and few parts of them.
+        for (first, part) in (0..).step_by(64).zip(row.chunks(64)) {
+            if part.contains(&true) {
+                let open = (first..).zip(part).filter(|(x, open)| **open && x % spacing == 0);
+                waiting.extend(open.map(|(x, _)| (x, y)));
+            }
+        }
+    }
+    waiting
 }
 
 /// Coordinate of a border sample in the tile at offset `tile` (0 before, 1 same, 2 after); `None` if that tile does not have it.

@@ -4,7 +4,7 @@
 //! be farther from the outline than what is found already. Validity as drawn is linear along the way down: the centre
 //! of a square is the mean of the ends of the coarse diagonal, whether the square lies on it or not.
 
-use crate::sample::VALID;
+use crate::simd::{self, Kernel};
 
 /// Bit of a cell: a sample of its closed square is valid.
 pub(super) const HAS_VALID: u8 = 1;
@@ -28,14 +28,23 @@ pub(super) struct Bound {
 
 impl Bound {
     /// Takes notice of a misdrawn point that is this far.
+    #[inline]
     pub(super) fn reached(&mut self, squared: f64) {
         self.low = self.low.max(squared);
         self.effort = self.effort.saturating_add(1);
     }
 
     /// True if points that are at most this far need no closer look; they are covered then.
+    #[inline]
     pub(super) fn settles(&mut self, squared: f64) -> bool {
-        let slack = SLACK.iter().find(|(effort, _)| self.effort <= *effort).map_or(1.0, |&(_, slack)| slack);
+        let [(few, close), (more, wide), (_, widest)] = SLACK;
+        let slack = if self.effort <= few {
+            close
+        } else if self.effort <= more {
+            wide
+        } else {
+            widest
+        };
         let settled = squared <= self.top || squared <= self.low * slack;
         if settled {
             self.cover(squared);
@@ -44,6 +53,7 @@ impl Bound {
     }
 
     /// Takes this distance as it is, without a closer look.
+    #[inline]
     pub(super) fn cover(&mut self, squared: f64) {
         self.top = self.top.max(squared);
     }
@@ -75,13 +85,13 @@ pub(super) trait Cell {
 }
 
 /// Cells of a tile and their unions, four by four: level `j` has squares of `2^j` cells.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Pyramid {
     n: usize,
     levels: Vec<Level>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Level {
     /// [`HAS_VALID`], [`HAS_VOID`].
     bits: Vec<u8>,
@@ -90,14 +100,28 @@ struct Level {
 }
 
 impl Pyramid {
-    /// Builds the pyramid over `n x n` cells given row by row as (bits, reach); `n` is a power of two.
-    pub(super) fn new(n: usize, cells: impl Iterator<Item = (u8, f64)>) -> Self {
-        let (bits, reach) = cells.unzip();
-        let mut levels = vec![Level { bits, reach }];
-        for level in 0..n.ilog2() as usize {
-            levels.push(levels[level].united(n >> level));
+    /// Starts a pyramid over `n x n` cells, a power of two: gives their bits and reaches, row by row, to be written. Then
+    /// [`Pyramid::build`].
+    pub(super) fn start(&mut self, n: usize) -> (&mut [u8], &mut [f64]) {
+        self.n = n;
+        self.levels.resize_with(n.ilog2() as usize + 1, Level::default);
+        for (level, squares) in self.levels.iter_mut().enumerate() {
+            let count = (n >> level) * (n >> level);
+            squares.bits.resize(count, 0);
+            squares.reach.resize(count, 0.0);
         }
-        Self { n, levels }
+        let cells = &mut self.levels[0];
+        (&mut cells.bits, &mut cells.reach)
+    }
+
+    /// Builds the levels above the cells.
+    pub(super) fn build(&mut self) {
+        simd::run(Build(self));
+    }
+
+    /// Bits of the cells.
+    pub(super) fn bits(&self) -> &[u8] {
+        &self.levels[0].bits
     }
 
     /// Largest distance of a misdrawn point in square `(x, y)` of level `root`, if drawn at spacing `2^drawn`, in metres.
@@ -109,33 +133,50 @@ impl Pyramid {
         cell: &mut impl Cell,
     ) -> f64 {
         let mut search = Search { pyramid: self, drawing, cell, bound: Bound::default() };
-        search.visit(root, at, [0.0; 4], true);
+        if let Some((drawn, falling)) = search.enter(root, at, [0; 4], true) {
+            search.visit(root, at, drawn, falling);
+        }
         search.bound.metres()
     }
 }
 
-impl Level {
-    /// The level above this one of `side x side` squares.
-    fn united(&self, side: usize) -> Self {
-        Self { bits: by_four(&self.bits, side, |a, b| a | b), reach: by_four(&self.reach, side, f64::max) }
+/// Builds a pyramid.
+struct Build<'a>(&'a mut Pyramid);
+
+impl Kernel for Build<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Pyramid { n, levels } = self.0;
+        for level in 1..levels.len() {
+            let (finer, coarser) = levels.split_at_mut(level);
+            let (from, to, side) = (&finer[level - 1], &mut coarser[0], *n >> (level - 1));
+            by_four(&from.bits, side, &mut to.bits, |a, b| a | b);
+            by_four(&from.reach, side, &mut to.reach, |a, b| if a > b { a } else { b });
+        }
     }
 }
 
 /// Joins the values of each two by two of `side x side` squares.
-fn by_four<T: Copy>(values: &[T], side: usize, join: impl Fn(T, T) -> T) -> Vec<T> {
-    let mut joined = Vec::with_capacity(values.len() / 4);
-    for rows in values.chunks_exact(2 * side) {
-        let (north, south) = rows.split_at(side);
-        let pairs = north.chunks_exact(2).zip(south.chunks_exact(2));
-        joined.extend(pairs.map(|(a, b)| join(join(a[0], a[1]), join(b[0], b[1]))));
+#[inline(always)]
+fn by_four<T: Copy>(values: &[T], side: usize, joined: &mut [T], join: impl Fn(T, T) -> T) {
+    let half = side / 2;
+    for row in 0..half {
+        let (north, south) = (&values[2 * row * side..][..side], &values[(2 * row + 1) * side..][..side]);
+        let (north, south) = (&north.as_chunks::<2>().0[..half], &south.as_chunks::<2>().0[..half]);
+        let joined = &mut joined[row * half..][..half];
+        for x in 0..half {
+            let ([a, b], [c, d]) = (north[x], south[x]);
+            joined[x] = join(join(a, b), join(c, d));
+        }
     }
-    joined
 }
 
 /// How the tile is drawn.
 pub(super) struct Drawing<'a> {
-    /// States of its samples, `(n + 1)^2`.
-    pub(super) state: &'a [u8],
+    /// 1 for each of its samples that is valid, `(n + 1)^2`.
+    pub(super) valid: &'a [u8],
     /// Its spacing is `2^level`.
     pub(super) level: usize,
     /// True if the diagonals are the other way round than the tile's own cell numbers say.
@@ -150,61 +191,97 @@ struct Search<'a, C> {
 }
 
 impl<C: Cell> Search<'_, C> {
-    /// Searches square `(x, y)` of a level. From the drawn level down `drawn` holds at its corners, and `falling` says
-    /// that the diagonal of the drawn cell runs from north-west to south-east.
-    fn visit(&mut self, level: usize, (x, y): (usize, usize), mut drawn: Corners, mut falling: bool) {
+    /// Validity as drawn at the corners of square `(x, y)` of a level, and whether the diagonal of the drawn cell runs from
+    /// north-west to south-east; `None` if all of the square is drawn as it should be. `drawn` and `falling` are those
+    /// that the square above gives; above the drawn level they are not defined.
+    #[inline]
+    fn enter(
+        &self,
+        level: usize,
+        (x, y): (usize, usize),
+        drawn: Drawn,
+        falling: bool,
+    ) -> Option<(Drawn, bool)> {
+        let bits = self.pyramid.levels[level].bits[y * (self.pyramid.n >> level) + x];
+        if level > self.drawing.level {
+            return (bits == MIXED).then_some((drawn, falling));
+        }
+        if level < self.drawing.level {
+            return (!drawn_right(bits, drawn)).then_some((drawn, falling));
+        }
+        if bits != MIXED {
+            return None;
+        }
+        let drawn = self.corners(x, y);
+        (!drawn_right(bits, drawn)).then_some((drawn, ((x + y) % 2 == 0) != self.drawing.flip))
+    }
+
+    /// Searches square `(x, y)` of a level, which has been entered.
+    fn visit(&mut self, level: usize, (x, y): (usize, usize), drawn: Drawn, falling: bool) {
         let side = self.pyramid.n >> level;
-        let squares = &self.pyramid.levels[level];
-        let bits = squares.bits[y * side + x];
-        if level >= self.drawing.level && bits != MIXED {
-            return;
-        }
-        if level == self.drawing.level {
-            drawn = self.corners(x, y);
-            falling = ((x + y) % 2 == 0) != self.drawing.flip;
-        }
-        if level <= self.drawing.level && drawn_right(bits, drawn) {
-            return;
-        }
-        if self.bound.settles(squares.reach[y * side + x]) {
+        if self.bound.settles(self.pyramid.levels[level].reach[y * side + x]) {
             return;
         }
         if level == 0 {
-            self.cell.look((x, y), drawn, &mut self.bound);
+            let share = |value: i32| f64::from(value) / f64::from(ONE);
+            let [nw, ne, sw, se] = drawn;
+            self.cell.look((x, y), [share(nw), share(ne), share(sw), share(se)], &mut self.bound);
             return;
         }
+        // Those that may be farthest first.
         let finer = &self.pyramid.levels[level - 1].reach;
-        let reach = |q: usize| finer[(2 * y + q / 2) * 2 * side + 2 * x + q % 2];
-        let mut order = [(0, reach(0)), (1, reach(1)), (2, reach(2)), (3, reach(3))];
-        order.sort_unstable_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-        for (q, _) in order {
-            self.visit(level - 1, (2 * x + q % 2, 2 * y + q / 2), quarter(drawn, falling, q), falling);
+        let (mut order, mut entered) = ([(0.0, 0); 4], [([0; 4], falling); 4]);
+        let mut count = 0;
+        for (q, drawn) in quarters(drawn, falling).into_iter().enumerate() {
+            let at = (2 * x + q % 2, 2 * y + q / 2);
+            let Some(here) = self.enter(level - 1, at, drawn, falling) else { continue };
+            entered[q] = here;
+            let reach = finer[at.1 * 2 * side + at.0];
+            let mut place = count;
+            while place > 0 && order[place - 1].0 < reach {
+                order[place] = order[place - 1];
+                place -= 1;
+            }
+            order[place] = (reach, q);
+            count += 1;
+        }
+        for &(_, q) in &order[..count] {
+            let (drawn, falling) = entered[q];
+            self.visit(level - 1, (2 * x + q % 2, 2 * y + q / 2), drawn, falling);
         }
     }
 
     /// Validity at the corners of drawn cell `(x, y)`.
-    fn corners(&self, x: usize, y: usize) -> Corners {
+    fn corners(&self, x: usize, y: usize) -> Drawn {
         let (row, level) = (self.pyramid.n + 1, self.drawing.level);
-        [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)]
-            .map(|(x, y)| f64::from(u8::from(self.drawing.state[(y << level) * row + (x << level)] == VALID)))
+        let at = |x: usize, y: usize| i32::from(self.drawing.valid[(y << level) * row + (x << level)]) * ONE;
+        [at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)]
     }
 }
+
+/// Validity as drawn at the corners of a square, in units of 1 / [`ONE`]: halved as often as a tile can be, it is exact.
+type Drawn = [i32; 4];
+/// Validity 1.
+const ONE: i32 = 1 << 16;
 
 /// True if a square with these bits is drawn as it should be, whatever the samples in it.
-fn drawn_right(bits: u8, drawn: Corners) -> bool {
-    let shown = drawn.iter().any(|&value| value > 0.5);
-    let hidden = drawn.iter().any(|&value| value < 0.5);
-    !(shown && bits & HAS_VOID != 0 || hidden && bits & HAS_VALID != 0)
+#[inline]
+fn drawn_right(bits: u8, [nw, ne, sw, se]: Drawn) -> bool {
+    let shown = nw.max(ne).max(sw).max(se) > ONE / 2;
+    let hidden = nw.min(ne).min(sw).min(se) < ONE / 2;
+    let wrong = (u8::from(shown) * HAS_VOID) | (u8::from(hidden) * HAS_VALID);
+    wrong & bits == 0
 }
 
-/// Values at the corners of quarter `q` of a square.
-fn quarter([nw, ne, sw, se]: Corners, falling: bool, q: usize) -> Corners {
-    let centre = 0.5 * if falling { nw + se } else { ne + sw };
-    let (north, south, west, east) = (0.5 * (nw + ne), 0.5 * (sw + se), 0.5 * (nw + sw), 0.5 * (ne + se));
-    match q {
-        0 => [nw, north, west, centre],
-        1 => [north, ne, centre, east],
-        2 => [west, centre, sw, south],
-        _ => [centre, east, south, se],
-    }
+/// Values at the corners of the quarters of a square.
+#[inline]
+fn quarters([nw, ne, sw, se]: Drawn, falling: bool) -> [Drawn; 4] {
+    let centre = if falling { nw + se } else { ne + sw } / 2;
+    let (north, south, west, east) = ((nw + ne) / 2, (sw + se) / 2, (nw + sw) / 2, (ne + se) / 2);
+    [
+        [nw, north, west, centre],
+        [north, ne, centre, east],
+        [west, centre, sw, south],
+        [centre, east, south, se],
+    ]
 }

@@ -5,16 +5,20 @@
 //! least of these maxima. Where that is too coarse the triangle is halved.
 
 use super::search::{Bound, Corners};
+use crate::simd::Kernel;
 
 /// Corners (of north-west, north-east, south-west, south-east) of the two triangles of a cell.
 pub(super) fn triangles(falling: bool) -> [[usize; 3]; 2] {
     if falling { [[0, 1, 3], [0, 3, 2]] } else { [[0, 1, 2], [1, 3, 2]] }
 }
 
+/// Points that are looked at together.
+const LANES: usize = 4;
+
 /// A thing whose distance from a point is a convex function of the point.
 pub(super) trait Convex: Copy {
-    /// Squared distance from `(x, y)`, square metres.
-    fn squared(&self, point: (f64, f64)) -> f64;
+    /// Squared distances from some points `(x, y)`, square metres.
+    fn squared(&self, x: [f64; LANES], y: [f64; LANES]) -> [f64; LANES];
 }
 
 /// A piece of the outline.
@@ -35,12 +39,17 @@ impl Segment {
 }
 
 impl Convex for Segment {
-    #[inline]
-    fn squared(&self, (x, y): (f64, f64)) -> f64 {
-        let (x, y) = (x - self.from.0, y - self.from.1);
-        let t = ((x * self.along.0 + y * self.along.1) * self.inverse).clamp(0.0, 1.0);
-        let (x, y) = (x - t * self.along.0, y - t * self.along.1);
-        x * x + y * y
+    #[inline(always)]
+    fn squared(&self, x: [f64; LANES], y: [f64; LANES]) -> [f64; LANES] {
+        let mut squared = [0.0; LANES];
+        for i in 0..LANES {
+            let (x, y) = (x[i] - self.from.0, y[i] - self.from.1);
+            let t = (x * self.along.0 + y * self.along.1) * self.inverse;
+            let t = smaller(larger(t, 0.0), 1.0);
+            let (x, y) = (x - t * self.along.0, y - t * self.along.1);
+            squared[i] = x * x + y * y;
+        }
+        squared
     }
 }
 
@@ -54,10 +63,15 @@ pub(super) struct Somewhere {
 }
 
 impl Convex for Somewhere {
-    #[inline]
-    fn squared(&self, (x, y): (f64, f64)) -> f64 {
-        let (x, y) = ((x - self.centre.0).abs() + self.half.0, (y - self.centre.1).abs() + self.half.1);
-        x * x + y * y
+    #[inline(always)]
+    fn squared(&self, x: [f64; LANES], y: [f64; LANES]) -> [f64; LANES] {
+        let mut squared = [0.0; LANES];
+        for i in 0..LANES {
+            let x = (x[i] - self.centre.0).abs() + self.half.0;
+            let y = (y[i] - self.centre.1).abs() + self.half.1;
+            squared[i] = x * x + y * y;
+        }
+        squared
     }
 }
 
@@ -72,6 +86,13 @@ struct Corner {
 /// A convex polygon: a triangle, cut at most twice.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Polygon {
+    corners: [(f64, f64); 5],
+    len: usize,
+}
+
+/// A polygon that is still to be cut.
+#[derive(Clone, Copy, Debug, Default)]
+struct Uncut {
     corners: [Corner; 5],
     len: usize,
 }
@@ -102,31 +123,50 @@ impl Polygon {
         fault: Fault,
     ) -> Option<Self> {
         let sign = if fault == Fault::Shown { 1.0 } else { -1.0 };
+        let may_be = triangle.iter().any(|&q| sign * (0.5 - full[q]) > 0.0)
+            && triangle.iter().any(|&q| sign * (drawn[q] - 0.5) > 0.0);
+        if !may_be {
+            return None;
+        }
         let wrong_full = |corner: &Corner| sign * (0.5 - corner.full);
         let wrong_drawn = |corner: &Corner| sign * (corner.drawn - 0.5);
-        let mut polygon = Self { len: 3, ..Self::default() };
+        let mut polygon = Uncut { len: 3, ..Uncut::default() };
         for (corner, q) in polygon.corners.iter_mut().zip(triangle) {
             let at = ((q % 2) as f64 * dx, (q / 2) as f64 * dy);
             *corner = Corner { at, full: full[q], drawn: drawn[q] };
         }
-        if !polygon.corners().iter().any(|c| wrong_full(c) > 0.0)
-            || !polygon.corners().iter().any(|c| wrong_drawn(c) > 0.0)
-        {
-            return None;
+        let (mut once, mut twice) = (Uncut::default(), Uncut::default());
+        polygon.cut(wrong_full, &mut once);
+        once.cut(wrong_drawn, &mut twice);
+        let mut polygon = Self { len: twice.len, ..Self::default() };
+        for (corner, cut) in polygon.corners.iter_mut().zip(&twice.corners) {
+            *corner = cut.at;
         }
-        let polygon = polygon.cut(wrong_full).cut(wrong_drawn);
         (polygon.len > 2).then_some(polygon)
     }
 
-    fn corners(&self) -> &[Corner] {
-        &self.corners[..self.len]
+    /// No point of the polygon is farther than this from the nearest of `things`; infinite if there are none.
+    pub(super) fn at_most<T: Convex>(&self, things: &Things<T>) -> f64 {
+        // A corner twice does no harm.
+        let corner = |i: usize| self.corners[if i < self.len { i } else { 0 }];
+        let (p, q) = ([corner(0), corner(1), corner(2), corner(3)], corner(4));
+        let (x, y) = ([p[0].0, p[1].0, p[2].0, p[3].0], [p[0].1, p[1].1, p[2].1, p[3].1]);
+        let farthest = |thing: &T| {
+            let [a, b, c, d] = thing.squared(x, y);
+            let first = larger(larger(a, b), larger(c, d));
+            if self.len > LANES { larger(first, thing.squared([q.0; LANES], [q.1; LANES])[0]) } else { first }
+        };
+        things.list.iter().map(farthest).fold(f64::INFINITY, f64::min)
     }
+}
 
+impl Uncut {
     /// The part where `value`, linear over the polygon, is not negative.
-    fn cut(&self, value: impl Fn(&Corner) -> f64) -> Self {
-        let mut part = Self::default();
-        for (i, corner) in self.corners().iter().enumerate() {
-            let next = &self.corners[(i + 1) % self.len];
+    #[inline(always)]
+    fn cut(&self, value: impl Fn(&Corner) -> f64, part: &mut Self) {
+        for i in 0..self.len {
+            let corner = &self.corners[i];
+            let next = &self.corners[if i + 1 == self.len { 0 } else { i + 1 }];
             let (a, b) = (value(corner), value(next));
             if a >= 0.0 {
                 part.push(*corner);
@@ -141,88 +181,162 @@ impl Polygon {
                 });
             }
         }
-        part
     }
 
     /// Adds a corner; a triangle cut twice has no more than five.
+    #[inline(always)]
     fn push(&mut self, corner: Corner) {
         if let Some(place) = self.corners.get_mut(self.len) {
             *place = corner;
             self.len += 1;
         }
     }
-
-    /// No point of the polygon is farther than this from the nearest of `things`; infinite if there are none.
-    pub(super) fn at_most(&self, things: &[impl Convex]) -> f64 {
-        let corners = self.corners();
-        let farthest =
-            |thing| corners.iter().map(|corner| Convex::squared(thing, corner.at)).fold(0.0, f64::max);
-        things.iter().map(farthest).fold(f64::INFINITY, f64::min)
-    }
-
-    /// Raises `bound` to the largest distance of a point of the polygon from the nearest of `things`, which are as
-    /// they were afterwards.
-    pub(super) fn farthest(&self, things: &mut Vec<impl Convex>, halvings: u32, bound: &mut Bound) {
-        let at = |i: usize| self.corners[i].at;
-        for i in 2..self.len {
-            farthest([at(0), at(i - 1), at(i)], things, 0, halvings, bound);
-        }
-    }
 }
 
-/// [`Polygon::farthest`] of a triangle and the things from number `first` on.
-fn farthest(
-    triangle: [(f64, f64); 3],
-    things: &mut Vec<impl Convex>,
+/// The larger of two numbers.
+#[inline(always)]
+fn larger(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// The smaller of two numbers.
+#[inline(always)]
+fn smaller(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+/// Things near a cell, and room for a search among them.
+#[derive(Debug)]
+pub(super) struct Things<T> {
+    list: Vec<T>,
+    /// Squared distances from the middle of a triangle.
+    from_middle: Vec<f64>,
+    /// Parts that are still to be looked at.
+    pending: Vec<Part>,
+}
+
+/// Pieces of the outline near a cell.
+pub(super) type Segments = Things<Segment>;
+/// Places near a block, each with a point of the outline.
+pub(super) type Somewheres = Things<Somewhere>;
+
+/// A part of a triangle.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    corners: [(f64, f64); 3],
+    /// Of which of the things one is the nearest of any point of it.
     first: usize,
+    end: usize,
+    /// How often it may be halved.
     halvings: u32,
-    bound: &mut Bound,
-) {
-    let mut top = f64::INFINITY;
-    let mut near = [f64::INFINITY; 3];
-    for thing in &things[first..] {
-        let squared = triangle.map(|corner| thing.squared(corner));
-        top = top.min(squared[0].max(squared[1]).max(squared[2]));
-        for (near, squared) in near.iter_mut().zip(squared) {
-            *near = near.min(squared);
-        }
-    }
-    bound.reached(near[0].max(near[1]).max(near[2]));
-    if bound.settles(top) {
-        return;
-    }
-    if halvings == 0 {
-        bound.cover(top);
-        return;
-    }
-    let [a, b, c] = longest_side_first(triangle);
-    let end = things.len();
-    keep_near([a, b, c], things, first);
-    let middle = (0.5 * (a.0 + b.0), 0.5 * (a.1 + b.1));
-    farthest([a, c, middle], things, end, halvings - 1, bound);
-    farthest([b, c, middle], things, end, halvings - 1, bound);
-    things.truncate(end);
 }
 
-/// Appends those of the things from number `first` on that may be the nearest of a point of the triangle.
-fn keep_near([a, b, c]: [(f64, f64); 3], things: &mut Vec<impl Convex>, first: usize) {
-    let middle = ((a.0 + b.0 + c.0) / 3.0, (a.1 + b.1 + c.1) / 3.0);
-    let from_middle =
-        |p: (f64, f64)| (p.0 - middle.0) * (p.0 - middle.0) + (p.1 - middle.1) * (p.1 - middle.1);
-    let radius = from_middle(a).max(from_middle(b)).max(from_middle(c)).sqrt();
-    let end = things.len();
-    let nearest = things[first..].iter().map(|thing| thing.squared(middle)).fold(f64::INFINITY, f64::min);
-    // Something farther than that from the middle is farther from any point of the triangle than the nearest is.
-    let limit = (nearest.sqrt() + 2.0 * radius) * (1.0 + 1e-9);
-    for i in first..end {
-        let thing = things[i];
-        if thing.squared(middle) <= limit * limit {
-            things.push(thing);
+impl<T> Default for Things<T> {
+    fn default() -> Self {
+        Self { list: Vec::new(), from_middle: Vec::new(), pending: Vec::new() }
+    }
+}
+
+impl<T: Convex> Things<T> {
+    /// Forgets all things.
+    pub(super) fn clear(&mut self) {
+        self.list.clear();
+    }
+
+    /// Adds a thing.
+    pub(super) fn push(&mut self, thing: T) {
+        self.list.push(thing);
+    }
+
+    /// Looks at one part of a triangle; the halves that need a look are left pending.
+    #[inline(always)]
+    fn look(&mut self, part: Part, bound: &mut Bound) {
+        let Part { first, end, halvings, .. } = part;
+        self.list.truncate(end);
+        let [a, b, c] = longest_side_first(part.corners);
+        let middle = ((a.0 + b.0 + c.0) / 3.0, (a.1 + b.1 + c.1) / 3.0);
+        let (x, y) = ([a.0, b.0, c.0, middle.0], [a.1, b.1, c.1, middle.1]);
+        let mut top = f64::INFINITY;
+        let mut near = [f64::INFINITY; LANES];
+        let things = &self.list[first..end];
+        self.from_middle.resize(things.len(), 0.0);
+        let from_middle = &mut self.from_middle[..things.len()];
+        for thing in 0..things.len() {
+            let squared = things[thing].squared(x, y);
+            for i in 0..LANES {
+                near[i] = smaller(squared[i], near[i]);
+            }
+            top = smaller(larger(larger(squared[0], squared[1]), squared[2]), top);
+            from_middle[thing] = squared[3];
         }
+        bound.reached(near[0].max(near[1]).max(near[2]));
+        if bound.settles(top) {
+            return;
+        }
+        if halvings == 0 {
+            bound.cover(top);
+            return;
+        }
+        self.keep_near([a, b, c], middle, near[3], first);
+        let centre = (0.5 * (a.0 + b.0), 0.5 * (a.1 + b.1));
+        let half = Part { corners: [b, c, centre], first: end, end: self.list.len(), halvings: halvings - 1 };
+        self.pending.push(half);
+        self.pending.push(Part { corners: [a, c, centre], ..half });
+    }
+
+    /// Appends those of the things from number `first` on that may be the nearest of a point of the triangle. The
+    /// squared distance of the nearest of its middle is `nearest`.
+    #[inline(always)]
+    fn keep_near(&mut self, corners: [(f64, f64); 3], middle: (f64, f64), nearest: f64, first: usize) {
+        let [a, b, c] =
+            corners.map(|p| (p.0 - middle.0) * (p.0 - middle.0) + (p.1 - middle.1) * (p.1 - middle.1));
+        let radius = larger(larger(a, b), c).sqrt();
+        // Something farther than that from the middle is farther from any point of the triangle than the nearest is.
+        let limit = (nearest.sqrt() + 2.0 * radius) * (1.0 + 1e-9);
+        for i in 0..self.from_middle.len() {
+            if self.from_middle[i] <= limit * limit {
+                let thing = self.list[first + i];
+                self.list.push(thing);
+            }
+        }
+    }
+}
+
+/// Raises `bound` to the largest distance of a point of the polygons from the nearest of `things`, which are as they were
+/// afterwards.
+pub(super) struct Farthest<'a, T> {
+    pub(super) polygons: &'a [Option<Polygon>],
+    pub(super) things: &'a mut Things<T>,
+    /// How often a triangle may be halved.
+    pub(super) halvings: u32,
+    pub(super) bound: &'a mut Bound,
+}
+
+impl<T: Convex> Kernel for Farthest<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { polygons, things, halvings, bound } = self;
+        let end = things.list.len();
+        for polygon in polygons {
+            let Some(polygon) = polygon else { continue };
+            for i in 2..polygon.len {
+                let at = |i: usize| polygon.corners[i];
+                let corners = [at(0), at(i - 1), at(i)];
+                things.pending.clear();
+                things.pending.push(Part { corners, first: 0, end, halvings });
+                while let Some(part) = things.pending.pop() {
+                    things.look(part, bound);
+                }
+            }
+        }
+        things.list.truncate(end);
     }
 }
 
 /// The triangle turned so that its longest side runs from the first to the second corner.
+#[inline(always)]
 fn longest_side_first([a, b, c]: [(f64, f64); 3]) -> [(f64, f64); 3] {
     let squared = |p: (f64, f64), q: (f64, f64)| (p.0 - q.0) * (p.0 - q.0) + (p.1 - q.1) * (p.1 - q.1);
     let (ab, bc, ca) = (squared(a, b), squared(b, c), squared(c, a));

@@ -1,9 +1,9 @@
-//! Whole rows of one band, gathered from its blocks.
+//! Windows of one band, gathered from its blocks.
 //!
-//! Blocks are decoded in parallel, uncompressed ones are read where they lie. The decoded blocks that a sweep from
-//! north to south will want again (those under the rows that consecutive bands share) are kept, and no others, so
-//! that no block is decoded twice and memory is bounded by one band and one row of blocks. The result does not
-//! depend on the number of threads, nor does the error: the first damaged block in file order is reported.
+//! Blocks are decoded in parallel, straight into the window; uncompressed ones are read by `direct`. The decoded blocks
+//! that a sweep from north to south will want again (those under the rows that consecutive bands share) are kept, and
+//! no others, so that no block is decoded twice and memory is bounded by one band and one row of blocks. The result
+//! does not depend on the number of threads, nor does the error: the first damaged block in file order is reported.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -11,199 +11,184 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use rayon::prelude::*;
 
-use super::decode;
+use super::decode::{self, Buffers};
+use super::direct;
+use super::file::TiffFile;
 use super::layout::Layout;
-use super::mmap::Map;
+use super::parts::{self, Number, Part};
 use crate::error::{Error, Result};
 
-/// A number as it lies in memory.
-pub(super) trait Number: Copy + Send + Sync {
-    /// Bytes of one.
-    const BYTES: usize;
-    /// From this machine's byte order, or from the other one.
-    fn load(bytes: &[u8], swapped: bool) -> Self;
-}
+/// Sweeps over different columns that are remembered at the same time.
+const SWEEPS: usize = 4;
 
-macro_rules! number {
-    ($($kind:ty),*) => {$(
-        impl Number for $kind {
-            const BYTES: usize = size_of::<$kind>();
-            #[inline]
-            fn load(bytes: &[u8], swapped: bool) -> Self {
-                let mut own = [0; size_of::<$kind>()];
-                own.copy_from_slice(bytes);
-                if swapped {
-                    own.reverse();
-                }
-                <$kind>::from_ne_bytes(own)
-            }
-        }
-    )*};
-}
-number!(i8, u8, i16, u16, i32, u32, f32, f64);
-
-/// A block ready to be copied from.
-#[derive(Clone)]
-enum Block {
-    /// One band, this machine's byte order, `block_width` samples a row.
-    Decoded(Arc<Vec<u8>>),
-    /// Starts here in the file.
-    Direct(usize),
-    /// Not in the file: all samples have the fill value.
-    Absent,
-}
+/// A decoded block.
+type Block = Arc<Vec<u8>>;
 
 /// One band of one image.
 pub(super) struct Band {
-    map: Arc<Map>,
+    pub(super) file: Arc<TiffFile>,
     pub(super) layout: Layout,
-    kept: Mutex<Kept>,
+    /// The most recent last.
+    sweeps: Mutex<Vec<Sweep>>,
+    buffers: Mutex<Vec<Buffers>>,
+    /// Memory of blocks that were kept.
+    free: Mutex<Vec<Vec<u8>>>,
     #[cfg(test)]
     pub(super) decoded: std::sync::atomic::AtomicUsize,
 }
 
-/// Decoded blocks for the next call.
-#[derive(Default)]
-struct Kept {
+/// Bands of the same columns, and decoded blocks for the next one.
+struct Sweep {
+    columns: Range<u32>,
     blocks: BTreeMap<usize, Block>,
-    last: Option<Range<u32>>,
+    last: Range<u32>,
     /// Most rows that two consecutive bands had in common; unknown before the second band.
     overlap: Option<u32>,
 }
 
+impl Sweep {
+    /// Goes on to the next band: the first row whose blocks will be wanted again.
+    fn advance(&mut self, rows: &Range<u32>) -> u32 {
+        if (self.last.start..=self.last.end).contains(&rows.start) && !self.last.is_empty() {
+            let common = self.last.end - rows.start;
+            self.overlap = Some(self.overlap.unwrap_or(0).max(common));
+        }
+        self.last = rows.clone();
+        self.overlap.map_or(rows.start, |overlap| rows.end - overlap.clamp(1, rows.len() as u32))
+    }
+}
+
 impl Band {
-    pub(super) fn new(map: Arc<Map>, layout: Layout) -> Self {
+    pub(super) fn new(file: Arc<TiffFile>, layout: Layout) -> Self {
         Self {
-            map,
+            file,
             layout,
-            kept: Mutex::default(),
+            sweeps: Mutex::default(),
+            buffers: Mutex::default(),
+            free: Mutex::default(),
             #[cfg(test)]
             decoded: std::sync::atomic::AtomicUsize::new(0),
         }
     }
 
-    /// Samples of whole rows, which must lie inside the raster; `fill` where a sparse file has no block.
-    pub(super) fn rows<T: Number>(&self, rows: Range<u32>, fill: T) -> Result<Vec<T>> {
-        if rows.is_empty() {
-            return Ok(Vec::new());
-        }
+    /// Samples of a window, which must lie inside the raster; `fill` where a sparse file has no block.
+    pub(super) fn window<T: Number>(
+        &self,
+        columns: &Range<u32>,
+        rows: &Range<u32>,
+        fill: T,
+    ) -> Result<Vec<T>> {
         let layout = &self.layout;
-        let first_row = rows.start / layout.block_height;
-        let blocks = self.blocks(first_row..(rows.end - 1) / layout.block_height + 1)?;
-        let width = layout.width as usize;
-        let count = width.saturating_mul(rows.len());
-        let mut samples = Vec::new();
-        samples.try_reserve_exact(count).map_err(|_| {
-            Error::usage(format!("not enough memory for {} rows of {width} samples", rows.len()))
-        })?;
-        samples.resize(count, fill);
-        samples.par_chunks_mut(width).zip(rows.clone()).for_each(|(out, y)| {
-            let at = (y / layout.block_height - first_row) as usize * layout.across as usize;
-            self.copy_row(&blocks[at..at + layout.across as usize], y % layout.block_height, out);
-        });
-        self.keep(rows, first_row, blocks);
+        let mut samples = parts::room(columns, rows)?;
+        if samples.is_empty() {
+            return Ok(samples);
+        }
+        if layout.is_direct() && !layout.tiled && layout.bands == 1 && columns.len() == layout.width as usize
+        {
+            direct::rows(self, rows, &mut samples, fill)?;
+            return Ok(samples);
+        }
+        let parts = parts::split(layout, columns, rows, &mut samples);
+        if layout.is_direct() {
+            direct::parts(self, parts, fill)?;
+        } else {
+            self.decode_parts(columns, rows, parts, fill)?;
+        }
         Ok(samples)
     }
 
-    /// Row `y` of a row of blocks.
-    fn copy_row<T: Number>(&self, blocks: &[Block], y: u32, out: &mut [T]) {
-        let layout = &self.layout;
-        let (columns, y) = (layout.block_width as usize, y as usize);
-        for (block, out) in blocks.iter().zip(out.chunks_mut(columns)) {
-            match block {
-                Block::Absent => {}
-                Block::Decoded(bytes) => {
-                    let from = y * columns * T::BYTES;
-                    copy(&bytes[from..from + out.len() * T::BYTES], 1, false, out);
-                }
-                Block::Direct(start) => {
-                    let bands = layout.bands as usize;
-                    let from = start + y * layout.row_bytes() as usize;
-                    let bytes = &self.map.bytes()[from..from + ((out.len() - 1) * bands + 1) * T::BYTES];
-                    copy(bytes, bands, layout.swapped, out);
-                }
+    /// Lends the buffers of one thread.
+    pub(super) fn with_buffers<R>(&self, work: impl FnOnce(&mut Buffers) -> R) -> R {
+        let lock = || self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
+        let buffers = lock().pop();
+        let mut buffers = buffers.unwrap_or_default();
+        let result = work(&mut buffers);
+        lock().push(buffers);
+        result
+    }
+
+    fn decode_parts<T: Number>(
+        &self,
+        columns: &Range<u32>,
+        rows: &Range<u32>,
+        parts: Vec<Part<'_, T>>,
+        fill: T,
+    ) -> Result<()> {
+        let (kept, keep_from) = self.begin(columns, rows);
+        let read = |mut part: Part<'_, T>| {
+            let index = part.block;
+            if self.layout.counts[index] == 0 {
+                part.fill(fill);
+                return Ok(None);
             }
-        }
-    }
-
-    /// All blocks of some rows of blocks.
-    fn blocks(&self, block_rows: Range<u32>) -> Result<Vec<Block>> {
-        let across = self.layout.across as usize;
-        let range = block_rows.start as usize * across..block_rows.end as usize * across;
-        // The lock is not held while threads work: one of them might come back here.
-        let kept: BTreeMap<usize, Block> = {
-            let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-            kept.blocks.range(range.clone()).map(|(&index, block)| (index, block.clone())).collect()
+            let block_row = index as u64 / u64::from(self.layout.across);
+            let keep = (block_row + 1) * u64::from(self.layout.block_height) > u64::from(keep_from);
+            if let Some(block) = kept.get(&index) {
+                part.copy(&self.layout, block);
+                return Ok(keep.then(|| (index, Arc::clone(block))));
+            }
+            self.with_buffers(|buffers| {
+                self.decode(index, buffers)?;
+                part.copy(&self.layout, &buffers.bytes);
+                Ok(keep.then(|| (index, Arc::new(std::mem::replace(&mut buffers.bytes, self.memory())))))
+            })
         };
-        let blocks: Vec<Result<Block>> = range
-            .into_par_iter()
-            .map(|index| kept.get(&index).map_or_else(|| self.block(index), |block| Ok(block.clone())))
-            .collect();
-        blocks.into_iter().collect()
+        let read: Vec<Result<Option<(usize, Block)>>> = parts.into_par_iter().map(read).collect();
+        let blocks = read.into_iter().filter_map(Result::transpose).collect::<Result<_>>();
+        drop(kept);
+        self.end(columns, blocks?);
+        Ok(())
     }
 
-    fn block(&self, index: usize) -> Result<Block> {
+    /// Decodes a block that is in the file.
+    fn decode(&self, index: usize, buffers: &mut Buffers) -> Result<()> {
         let layout = &self.layout;
-        let count = layout.counts[index];
-        if count == 0 {
-            return Ok(Block::Absent);
-        }
+        let (start, count) = (layout.offsets[index], layout.counts[index]);
         let name = || layout.block_name(index);
-        let file = self.map.bytes();
-        let start = layout.offsets[index];
-        let row = (index / layout.across as usize) as u32;
-        let end = start.checked_add(count).filter(|&end| end <= file.len() as u64);
-        if layout.is_direct() {
-            let needed = layout.row_bytes().saturating_mul(u64::from(layout.raster_rows(row)));
-            let there = count.min((file.len() as u64).saturating_sub(start));
-            if there < needed {
-                return Err(Error::format(name(), format!("{needed} bytes"), format!("{there} bytes")));
-            }
-            return Ok(Block::Direct(start as usize));
+        if start.checked_add(count).is_none_or(|end| end > self.file.length()) {
+            let there = self.file.length().saturating_sub(start);
+            let got = format!("{there} bytes up to its end (it is cut off, or damaged: get it again)");
+            return Err(Error::format(name(), format!("{count} bytes of the file"), got));
         }
-        let Some(end) = end else {
-            let there = (file.len() as u64).saturating_sub(start);
-            let expected = format!("{count} bytes of the file");
-            return Err(Error::format(name(), expected, format!("{there} bytes up to its end")));
-        };
+        let rows = layout.coded_rows((index / layout.across as usize) as u32);
+        // No encoder makes a block more than twice as large: what stands behind is not needed.
+        let most = 2 * layout.row_bytes() * u64::from(rows) + (1 << 16);
+        decode::resize(&mut buffers.packed, count.min(most) as usize)?;
+        self.file.read(&mut buffers.packed, start, &name)?;
         #[cfg(test)]
         self.decoded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-        let packed = &file[start as usize..end as usize];
-        decode::block(layout, packed, layout.coded_rows(row), &name)
-            .map(|bytes| Block::Decoded(Arc::new(bytes)))
+        decode::block(layout, buffers, rows, &name)
     }
 
-    /// Keeps what the next band of a sweep needs.
-    fn keep(&self, rows: Range<u32>, first_row: u32, blocks: Vec<Block>) {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(last) = &kept.last
-            && (last.start..=last.end).contains(&rows.start)
-        {
-            let common = last.end - rows.start;
-            kept.overlap = Some(kept.overlap.unwrap_or(0).max(common));
-        }
-        let from = match kept.overlap {
-            None => rows.start,
-            Some(overlap) => rows.end - overlap.clamp(1, rows.len() as u32),
+    /// Blocks kept for a band, and the first row whose blocks are to be kept for the next.
+    fn begin(&self, columns: &Range<u32>, rows: &Range<u32>) -> (BTreeMap<usize, Block>, u32) {
+        // The lock is not held while threads work: one of them might come back here.
+        let mut sweeps = self.sweeps.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut sweep = match sweeps.iter().position(|sweep| sweep.columns == *columns) {
+            Some(at) => sweeps.remove(at),
+            None => Sweep { columns: columns.clone(), blocks: BTreeMap::new(), last: 0..0, overlap: None },
         };
-        let skip = (from / self.layout.block_height - first_row) as usize * self.layout.across as usize;
-        let base = first_row as usize * self.layout.across as usize;
-        kept.blocks =
-            (base..).zip(blocks).skip(skip).filter(|(_, block)| matches!(block, Block::Decoded(_))).collect();
-        kept.last = Some(rows);
+        let keep_from = sweep.advance(rows);
+        let kept = sweep.blocks.clone();
+        if sweeps.len() == SWEEPS {
+            sweeps.remove(0);
+        }
+        sweeps.push(sweep);
+        (kept, keep_from)
     }
-}
 
-/// Every `stride`th number.
-#[inline]
-fn copy<T: Number>(bytes: &[u8], stride: usize, swapped: bool, out: &mut [T]) {
-    if stride == 1 && !swapped {
-        for (to, from) in out.iter_mut().zip(bytes.chunks_exact(T::BYTES)) {
-            *to = T::load(from, false);
-        }
-    } else {
-        for (to, from) in out.iter_mut().zip(bytes.chunks(T::BYTES * stride)) {
-            *to = T::load(&from[..T::BYTES], swapped);
-        }
+    /// Keeps what the next band of a sweep needs, and the memory of what it does not.
+    fn end(&self, columns: &Range<u32>, blocks: BTreeMap<usize, Block>) {
+        let mut sweeps = self.sweeps.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(sweep) = sweeps.iter_mut().find(|sweep| sweep.columns == *columns) else { return };
+        let old = std::mem::replace(&mut sweep.blocks, blocks);
+        drop(sweeps);
+        let free = old.into_values().filter_map(Arc::into_inner).collect();
+        *self.free.lock().unwrap_or_else(PoisonError::into_inner) = free;
+    }
+
+    /// A buffer for a block, used before if possible.
+    fn memory(&self) -> Vec<u8> {
+        self.free.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
     }
 }

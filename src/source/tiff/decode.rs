@@ -2,33 +2,61 @@
 //!
 //! Output sizes come from the layout alone: a block that yields less is damaged, what it yields beyond is ignored, as
 //! libtiff does. LZW goes through `weezl` itself, because the decoder of the `tiff` crate (0.11.3) gives up on
-//! valid blocks without an end code.
+//! valid blocks without an end code. Deflate goes through libdeflate, which wants all of a stream at once, and
+//! through flate2 where a block does not end where it should.
+
+use zstd::zstd_safe::{DCtx, InBuffer, OutBuffer, ResetDirective, get_error_name};
 
 use super::layout::{Compression, Layout, Predictor, Stored};
 use crate::error::{Error, Result};
 use crate::sample::SampleType;
 
-/// Decodes a block of `rows` coded rows; the result has `block_width` samples (bytes 0 or 1 for bits) in each row.
+/// What one thread needs to decode blocks, kept from block to block.
+#[derive(Default)]
+pub(super) struct Buffers {
+    /// The block as it lies in the file.
+    pub(super) packed: Vec<u8>,
+    /// The block decoded.
+    pub(super) bytes: Vec<u8>,
+    spare: Vec<u8>,
+    inflater: Option<libdeflater::Decompressor>,
+    zstd: Option<DCtx<'static>>,
+}
+
+/// Makes a buffer that is overwritten as long as asked for; what it had is not cleared.
+pub(super) fn resize(buffer: &mut Vec<u8>, length: usize) -> Result<()> {
+    let more = length.saturating_sub(buffer.len());
+    buffer
+        .try_reserve_exact(more)
+        .map_err(|_| Error::usage(format!("not enough memory for {length} bytes of a block")))?;
+    buffer.resize(length, 0);
+    Ok(())
+}
+
+/// Decodes the packed bytes of a block of `rows` coded rows; the result has `block_width` samples (bytes 0 or 1 for
+/// bits) in each row.
 ///
 /// `name` says which block it is in messages.
-pub(super) fn block(layout: &Layout, packed: &[u8], rows: u32, name: &dyn Fn() -> String) -> Result<Vec<u8>> {
+pub(super) fn block(
+    layout: &Layout,
+    buffers: &mut Buffers,
+    rows: u32,
+    name: &dyn Fn() -> String,
+) -> Result<()> {
     let row_bytes = layout.row_bytes() as usize;
     let expected = row_bytes * rows as usize;
-    let mut bytes = Vec::new();
-    bytes
-        .try_reserve_exact(expected)
-        .map_err(|_| Error::limit("memory for a decoded block", expected as u64, 0))?;
-    bytes.resize(expected, 0);
+    resize(&mut buffers.bytes, expected)?;
+    let Buffers { packed, bytes, spare, inflater, zstd } = buffers;
     let got = match layout.compression {
         Compression::None => {
             let got = packed.len().min(expected);
             bytes[..got].copy_from_slice(&packed[..got]);
             Ok(got)
         }
-        Compression::Lzw => lzw(packed, &mut bytes),
-        Compression::Deflate => deflate(packed, &mut bytes),
-        Compression::PackBits => Ok(pack_bits(packed, &mut bytes)),
-        Compression::Zstd => zstandard(packed, &mut bytes),
+        Compression::Lzw => lzw(packed, bytes),
+        Compression::Deflate => deflate(packed, bytes, inflater),
+        Compression::PackBits => Ok(pack_bits(packed, bytes)),
+        Compression::Zstd => zstandard(packed, bytes, zstd),
     };
     let got = got.map_err(|problem| match problem {
         Problem::Damaged(got) => Error::format(name(), format!("{expected} bytes"), got),
@@ -40,12 +68,16 @@ pub(super) fn block(layout: &Layout, packed: &[u8], rows: u32, name: &dyn Fn() -
         return Err(Error::format(name(), format!("{expected} bytes"), format!("{got} bytes")));
     }
     match layout.stored {
-        Stored::Bit => Ok(bits(&bytes, row_bytes, layout)),
+        Stored::Bit => {
+            bits(bytes, row_bytes, layout, rows, spare)?;
+            std::mem::swap(bytes, spare);
+        }
         Stored::Number(kind) => {
-            unpredict(layout, kind, &mut bytes, row_bytes);
-            Ok(first_band(bytes, kind.bytes(), layout.bands as usize))
+            unpredict(layout, kind, bytes, row_bytes, spare)?;
+            first_band(bytes, kind.bytes(), layout.bands as usize);
         }
     }
+    Ok(())
 }
 
 /// Why a block cannot be decoded.
@@ -77,7 +109,18 @@ fn lzw(packed: &[u8], out: &mut [u8]) -> Result<usize, Problem> {
     Ok(written)
 }
 
-fn deflate(packed: &[u8], out: &mut [u8]) -> Result<usize, Problem> {
+fn deflate(
+    packed: &[u8],
+    out: &mut [u8],
+    inflater: &mut Option<libdeflater::Decompressor>,
+) -> Result<usize, Problem> {
+    let inflater = inflater.get_or_insert_with(libdeflater::Decompressor::new);
+    // It refuses whatever does not fit `out`, and does not say how far it came.
+    inflater.zlib_decompress(packed, out).or_else(|_| inflate(packed, out))
+}
+
+/// As much of a stream as it has and `out` takes.
+fn inflate(packed: &[u8], out: &mut [u8]) -> Result<usize, Problem> {
     let mut inflater = flate2::Decompress::new(true);
     let (mut read, mut written) = (0, 0);
     loop {
@@ -94,15 +137,15 @@ fn deflate(packed: &[u8], out: &mut [u8]) -> Result<usize, Problem> {
     }
 }
 
-fn zstandard(packed: &[u8], out: &mut [u8]) -> Result<usize, Problem> {
-    use zstd::stream::raw::{Decoder, InBuffer, Operation, OutBuffer};
-    let damaged = |error: std::io::Error| Problem::Damaged(error.to_string());
-    let mut decoder = Decoder::new().map_err(damaged)?;
+fn zstandard(packed: &[u8], out: &mut [u8], context: &mut Option<DCtx<'static>>) -> Result<usize, Problem> {
+    let damaged = |code: usize| Problem::Damaged(get_error_name(code).to_owned());
+    let context = context.get_or_insert_with(DCtx::create);
+    context.reset(ResetDirective::SessionOnly).map_err(damaged)?;
     let mut input = InBuffer::around(packed);
     let mut output = OutBuffer::around(out);
     loop {
         let before = (input.pos(), output.pos());
-        let left = decoder.run(&mut input, &mut output).map_err(damaged)?;
+        let left = context.decompress_stream(&mut output, &mut input).map_err(damaged)?;
         if left == 0 || output.pos() == output.capacity() || before == (input.pos(), output.pos()) {
             return Ok(output.pos());
         }
@@ -135,25 +178,49 @@ fn pack_bits(packed: &[u8], out: &mut [u8]) -> usize {
 }
 
 /// One byte, 0 or 1, for each bit of the first band.
-fn bits(bytes: &[u8], row_bytes: usize, layout: &Layout) -> Vec<u8> {
+fn bits(bytes: &[u8], row_bytes: usize, layout: &Layout, rows: u32, out: &mut Vec<u8>) -> Result<()> {
     let (width, bands) = (layout.block_width as usize, layout.bands as usize);
-    let bit = |row: &[u8], at: usize| row[at / 8] >> (7 - at % 8) & 1;
-    bytes.chunks_exact(row_bytes).flat_map(|row| (0..width).map(move |x| bit(row, x * bands))).collect()
+    resize(out, width * rows as usize)?;
+    for (row, out) in bytes.chunks_exact(row_bytes).zip(out.chunks_exact_mut(width)) {
+        if bands == 1 {
+            for (&byte, out) in row.iter().zip(out.chunks_mut(8)) {
+                out.iter_mut().enumerate().for_each(|(at, bit)| *bit = byte >> (7 - at) & 1);
+            }
+        } else {
+            for (out, at) in out.iter_mut().zip((0..).step_by(bands)) {
+                *out = row[at / 8] >> (7 - at % 8) & 1;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Reverses the bytes of each number.
+pub(super) fn swap(bytes: &mut [u8], size: usize) {
+    match size {
+        2 => bytes.as_chunks_mut::<2>().0.iter_mut().for_each(|b| b.reverse()),
+        4 => bytes.as_chunks_mut::<4>().0.iter_mut().for_each(|b| b.reverse()),
+        8 => bytes.as_chunks_mut::<8>().0.iter_mut().for_each(|b| b.reverse()),
+        _ => {}
+    }
 }
 
 /// Turns differences into samples of this machine's byte order.
-fn unpredict(layout: &Layout, kind: SampleType, bytes: &mut [u8], row_bytes: usize) {
+fn unpredict(
+    layout: &Layout,
+    kind: SampleType,
+    bytes: &mut [u8],
+    row_bytes: usize,
+    spare: &mut Vec<u8>,
+) -> Result<()> {
     if layout.predictor == Predictor::FloatingPoint {
         // Its bytes are sorted from the highest to the lowest, whatever the byte order of the file.
-        return sum_and_merge_bytes(bytes, row_bytes, kind.bytes(), layout.bands as usize);
+        resize(spare, row_bytes)?;
+        sum_and_merge_bytes(bytes, row_bytes, kind.bytes(), layout.bands as usize, spare);
+        return Ok(());
     }
     if layout.swapped {
-        match kind.bytes() {
-            2 => bytes.as_chunks_mut::<2>().0.iter_mut().for_each(|b| b.reverse()),
-            4 => bytes.as_chunks_mut::<4>().0.iter_mut().for_each(|b| b.reverse()),
-            8 => bytes.as_chunks_mut::<8>().0.iter_mut().for_each(|b| b.reverse()),
-            _ => {}
-        }
+        swap(bytes, kind.bytes());
     }
     if layout.predictor == Predictor::Horizontal {
         let bands = layout.bands as usize;
@@ -174,6 +241,7 @@ fn unpredict(layout: &Layout, kind: SampleType, bytes: &mut [u8], row_bytes: usi
             }
         }
     }
+    Ok(())
 }
 
 /// Adds to each sample of a row the one of the same band before it.
@@ -193,15 +261,15 @@ fn sum<const N: usize>(row: &mut [u8], bands: usize, add: impl Fn([u8; N], [u8; 
     }
 }
 
-/// Predictor 3: sums bytes along the row, then takes byte `k` of a number from the `k`th part of the row.
-fn sum_and_merge_bytes(bytes: &mut [u8], row_bytes: usize, size: usize, bands: usize) {
-    let mut planes = vec![0; row_bytes];
+/// Predictor 3: sums bytes along the row, then takes byte `k` of a number from the `k`th part of the row. `planes` has
+/// room for a row.
+fn sum_and_merge_bytes(bytes: &mut [u8], row_bytes: usize, size: usize, bands: usize, planes: &mut [u8]) {
     for row in bytes.chunks_exact_mut(row_bytes) {
         sum(row, bands, |a: [u8; 1], b| [a[0].wrapping_add(b[0])]);
         planes.copy_from_slice(row);
         match size {
-            4 => merge::<4>(&planes, row),
-            _ => merge::<8>(&planes, row),
+            4 => merge::<4>(planes, row),
+            _ => merge::<8>(planes, row),
         }
     }
 }
@@ -217,16 +285,14 @@ fn merge<const N: usize>(planes: &[u8], row: &mut [u8]) {
 }
 
 /// Keeps the first of `bands` interleaved samples.
-fn first_band(mut bytes: Vec<u8>, size: usize, bands: usize) -> Vec<u8> {
+fn first_band(bytes: &mut Vec<u8>, size: usize, bands: usize) {
     if bands > 1 {
         let count = bytes.len() / (size * bands);
         for index in 1..count {
             bytes.copy_within(index * size * bands..(index * bands + 1) * size, index * size);
         }
         bytes.truncate(count * size);
-        bytes.shrink_to_fit();
     }
-    bytes
 }
 
 #[cfg(test)]
@@ -257,6 +323,8 @@ mod tests {
         encoder.write_all(&data).expect("memory");
         let mut packed = encoder.finish().expect("memory");
         let mut out = vec![0; data.len()];
+        let mut inflater = None;
+        let mut deflate = |packed: &[u8], out: &mut [u8]| super::deflate(packed, out, &mut inflater);
         assert!(matches!(deflate(&packed, &mut out), Ok(10_000)));
         assert_eq!(out, data);
         // A strip may hold more rows than the raster has left.
@@ -277,13 +345,15 @@ mod tests {
             row[index] = row[index].wrapping_sub(row[index - 1]);
         }
         let length = row.len();
-        sum_and_merge_bytes(&mut row, length, 4, 1);
+        sum_and_merge_bytes(&mut row, length, 4, 1, &mut vec![0; length]);
         let back: Vec<f32> = row.as_chunks().0.iter().map(|&b| f32::from_ne_bytes(b)).collect();
         assert_eq!(back, heights);
     }
 
     #[test]
     fn first_band_of_three() {
-        assert_eq!(first_band((0..12).collect(), 2, 3), [0, 1, 6, 7]);
+        let mut bytes = (0..12).collect();
+        first_band(&mut bytes, 2, 3);
+        assert_eq!(bytes, [0, 1, 6, 7]);
     }
 }

@@ -5,7 +5,7 @@
 //! compression it lacks), and it allocates for a value before it knows that the file is long enough.
 
 use std::collections::HashSet;
-use std::io::Cursor;
+use std::io::{Cursor, Read, Seek, SeekFrom};
 
 use tiff::decoder::{Decoder, Limits as TiffLimits};
 use tiff::tags::{ByteOrder, IfdPointer, Tag, Type, ValueBuffer};
@@ -20,9 +20,14 @@ const MAX_DIRECTORIES: usize = 4096;
 /// GDAL's XML with scale, offset and unit.
 pub(super) const GDAL_METADATA: Tag = Tag::Unknown(42112);
 
+/// What directories are read from.
+pub(super) trait Input: Read + Seek {}
+
+impl<T: Read + Seek> Input for T {}
+
 /// A TIFF file whose header has been read.
 pub(super) struct Reader<'a> {
-    decoder: Decoder<Cursor<&'a [u8]>>,
+    decoder: Decoder<Box<dyn Input + 'a>>,
     first: u64,
     file_bytes: u64,
     max_entries: u64,
@@ -40,32 +45,37 @@ struct Raw {
 
 impl<'a> Reader<'a> {
     /// Reads the header. Anything that does not start like a TIFF is [`Error::Unsupported`]: it may be another format.
-    pub(super) fn new(file: &'a [u8], limits: &Limits) -> Result<Self> {
-        let (order, big) = signature(file)?;
+    pub(super) fn new(mut file: impl Input + 'a, file_bytes: u64, limits: &Limits) -> Result<Self> {
+        let mut head = [0; 16];
+        let start = &mut head[..file_bytes.min(16) as usize];
+        file.read_exact(start)
+            .and_then(|()| file.seek(SeekFrom::Start(0)))
+            .map_err(|error| tiff_error("TIFF header".to_owned(), &error.into()))?;
+        let (order, big) = signature(start)?;
         let header = if big { 16 } else { 8 };
-        if file.len() < header {
+        if start.len() < header {
             return Err(Error::format(
                 "TIFF header",
                 format!("{header} bytes"),
-                format!("{} bytes", file.len()),
+                format!("{} bytes", start.len()),
             ));
         }
         let number = |at: usize, bytes: usize| {
-            let field = file.get(at..at + bytes).unwrap_or_default().iter();
+            let field = start.get(at..at + bytes).unwrap_or_default().iter();
             let push = |value: u64, &byte: &u8| value << 8 | u64::from(byte);
             if order == ByteOrder::BigEndian { field.fold(0, push) } else { field.rev().fold(0, push) }
         };
         let first = if big { number(8, 8) } else { number(4, 4) };
         // The decoder is made over a 1 x 1 image of the same kind and then given the file.
-        let stub = stub(order, big);
-        let mut decoder = Decoder::new(Cursor::new(stub))
+        let stub: Box<dyn Input + 'a> = Box::new(Cursor::new(stub(order, big)));
+        let mut decoder = Decoder::new(stub)
             .map_err(|error| Error::format("TIFF header", "one that the decoder accepts", error))?
             .with_limits(TiffLimits::unlimited());
-        *decoder.inner() = Cursor::new(file);
+        *decoder.inner() = Box::new(file);
         Ok(Self {
             decoder,
             first,
-            file_bytes: file.len() as u64,
+            file_bytes,
             max_entries: limits.tag_entries,
             big,
             swapped: order != ByteOrder::native(),
@@ -254,6 +264,11 @@ fn tiff_error(place: String, error: &TiffError) -> Error {
         TiffError::IoError(io) if io.kind() == std::io::ErrorKind::UnexpectedEof => {
             "the end of the file".to_owned()
         }
+        TiffError::IoError(io) => {
+            let source =
+                io.raw_os_error().map_or_else(|| io.kind().into(), std::io::Error::from_raw_os_error);
+            return Error::io("", format!("read {place}"), source);
+        }
         other => other.to_string(),
     };
     Error::format(place, "a readable value", got)
@@ -267,14 +282,18 @@ mod tests {
     fn every_stub_is_a_tiff_that_the_decoder_accepts() {
         for order in [ByteOrder::LittleEndian, ByteOrder::BigEndian] {
             for big in [false, true] {
+                let read = |file: &[u8]| {
+                    let length = file.len() as u64;
+                    Reader::new(Cursor::new(file.to_vec()), length, &Limits::default())
+                };
                 let mut file = stub(order, big).to_vec();
-                let mut reader = Reader::new(&file, &Limits::default()).expect("stub");
+                let mut reader = read(&file).expect("stub");
                 let directories = reader.directories().expect("directory");
                 assert_eq!(directories.len(), 1);
                 assert_eq!(reader.required(&directories[0], Tag::ImageWidth).expect("width"), 1);
                 let at = file.len() - if big { 8 } else { 4 };
                 let tail = file.split_off(at);
-                assert!(Reader::new(&file, &Limits::default()).expect("header").directories().is_err());
+                assert!(read(&file).expect("header").directories().is_err());
                 drop(tail);
             }
         }

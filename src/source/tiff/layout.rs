@@ -327,3 +327,34 @@ fn predictor(
         other => Err(unsupported(format!("predictor {other}"))),
     }
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// Tiles of uint32 without offsets.
+    pub(in crate::source::tiff) fn layout(
+        width: u32,
+        height: u32,
+        block_width: u32,
+        block_height: u32,
+    ) -> Layout {
+        Layout {
+            width,
+            height,
+            block_width,
+            block_height,
+            across: width.div_ceil(block_width),
+            down: height.div_ceil(block_height),
+            tiled: true,
+            stored: Stored::Number(SampleType::Uint32),
+            bands: 1,
+            band_count: 1,
+            compression: Compression::None,
+            predictor: Predictor::None,
+            swapped: false,
+            offsets: Vec::new(),
+            counts: Vec::new(),
+        }
+    }
+}

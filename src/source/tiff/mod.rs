@@ -1,16 +1,18 @@
 //! GeoTIFF, natively: strips and tiles, classic and big, either byte order, the compressions that DEMs come in.
 //!
 //! Band 1 of the first image is the elevation. An internal mask (or a `.msk` file beside, as GDAL writes it) comes
-//! along; overviews, further bands and alpha are passed over. The file is memory-mapped (see `mmap` for what that
-//! asks of the user), and every number in it is checked before it is used. Samples and georeference are what GDAL
-//! reads; a few things GDAL looks up outside the file (`.aux.xml`, world files) are not.
+//! along; overviews, further bands and alpha are passed over. The file is read by position (see `file`), of a window only
+//! the blocks or bytes that it needs, and every number in the file is checked before it is used. Samples and
+//! georeference are what GDAL reads; a few things GDAL looks up outside the file (`.aux.xml`, world files) are not.
 
 mod blocks;
 mod decode;
+mod direct;
 mod directory;
+mod file;
 mod georeference;
 mod layout;
-mod mmap;
+mod parts;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -21,8 +23,8 @@ use tiff::tags::Tag;
 
 use self::blocks::Band;
 use self::directory::{GDAL_METADATA, Reader};
+use self::file::TiffFile;
 use self::layout::{Layout, Stored};
-use self::mmap::Map;
 use super::{FileStamp, Fingerprint, Samples, Source, SourceInfo, Window, metadata};
 use crate::error::{Error, Result};
 use crate::limits::Limits;
@@ -33,9 +35,8 @@ const REDUCED: u64 = 1;
 /// Bit of `NewSubfileType`: a transparency mask.
 const MASK: u64 = 4;
 
-/// A GeoTIFF that rows can be read from.
+/// A GeoTIFF that windows can be read from.
 pub struct TiffSource {
-    path: PathBuf,
     info: SourceInfo,
     heights: Band,
     mask: Option<Band>,
@@ -50,9 +51,8 @@ impl TiffSource {
     }
 
     fn open_inner(path: &Path, limits: &Limits) -> Result<Self> {
-        let map = Arc::new(Map::open(path)?);
-        let shared = Arc::clone(&map);
-        let mut reader = Reader::new(shared.bytes(), limits)?;
+        let file = Arc::new(TiffFile::open(path)?);
+        let mut reader = Reader::new(file.cursor(), file.length(), limits)?;
         let directories = reader.directories()?;
         let image = directories.first().ok_or_else(|| Error::format("TIFF header", "an image", "none"))?;
         let layout = Layout::read(&mut reader, image, limits)?;
@@ -61,24 +61,25 @@ impl TiffSource {
         };
         let info = describe(&mut reader, image, &layout, kind)?;
         let mask = match internal_mask(&mut reader, &directories, &layout, limits)? {
-            Some(mask) => Some(Band::new(Arc::clone(&map), mask)),
+            Some(mask) => Some(Band::new(Arc::clone(&file), mask)),
             None => external_mask(path, &layout, limits)?,
         };
-        Ok(Self { path: path.to_owned(), info, heights: Band::new(map, layout), mask })
+        drop(reader);
+        Ok(Self { info, heights: Band::new(file, layout), mask })
     }
 
-    fn samples(&self, rows: Range<u32>) -> Result<Samples> {
+    fn samples(&self, columns: &Range<u32>, rows: &Range<u32>) -> Result<Samples> {
         let fill = self.info.nodata.unwrap_or(0.0);
         let (band, whole) = (&self.heights, fill.round());
         Ok(match self.info.sample_type {
-            SampleType::Int8 => Samples::Int8(band.rows(rows, whole as i8)?),
-            SampleType::Uint8 => Samples::Uint8(band.rows(rows, whole as u8)?),
-            SampleType::Int16 => Samples::Int16(band.rows(rows, whole as i16)?),
-            SampleType::Uint16 => Samples::Uint16(band.rows(rows, whole as u16)?),
-            SampleType::Int32 => Samples::Int32(band.rows(rows, whole as i32)?),
-            SampleType::Uint32 => Samples::Uint32(band.rows(rows, whole as u32)?),
-            SampleType::Float32 => Samples::Float32(band.rows(rows, fill as f32)?),
-            SampleType::Float64 => Samples::Float64(band.rows(rows, fill)?),
+            SampleType::Int8 => Samples::Int8(band.window(columns, rows, whole as i8)?),
+            SampleType::Uint8 => Samples::Uint8(band.window(columns, rows, whole as u8)?),
+            SampleType::Int16 => Samples::Int16(band.window(columns, rows, whole as i16)?),
+            SampleType::Uint16 => Samples::Uint16(band.window(columns, rows, whole as u16)?),
+            SampleType::Int32 => Samples::Int32(band.window(columns, rows, whole as i32)?),
+            SampleType::Uint32 => Samples::Uint32(band.window(columns, rows, whole as u32)?),
+            SampleType::Float32 => Samples::Float32(band.window(columns, rows, fill as f32)?),
+            SampleType::Float64 => Samples::Float64(band.window(columns, rows, fill)?),
         })
     }
 }
@@ -90,16 +91,20 @@ impl Source for TiffSource {
 
     fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window> {
         super::check_window(&self.info, &columns, &rows)?;
-        let read = || {
-            let samples = self.samples(rows.clone())?;
-            let mask = self.mask.as_ref().map(|mask| mask.rows(rows.clone(), 0_u8)).transpose()?;
-            Ok(Window { samples, mask }.cropped(self.info.width, &columns))
-        };
-        read().map_err(|error: Error| error.at(&self.path))
+        let samples = self.samples(&columns, &rows).map_err(|error| error.at(self.heights.file.path()))?;
+        let mask = self
+            .mask
+            .as_ref()
+            .map(|mask| mask.window(&columns, &rows, 0_u8).map_err(|error| error.at(mask.file.path())));
+        Ok(Window { samples, mask: mask.transpose()? })
     }
 
     fn fingerprint(&self) -> Result<Fingerprint> {
-        Ok(Fingerprint { files: vec![FileStamp::of(&self.path)?] })
+        let heights = self.heights.file.path();
+        let beside = self.mask.iter().map(|mask| mask.file.path()).filter(|path| *path != heights);
+        Ok(Fingerprint {
+            files: std::iter::once(heights).chain(beside).map(FileStamp::of).collect::<Result<_>>()?,
+        })
     }
 }
 
@@ -173,9 +178,8 @@ fn external_mask(path: &Path, of: &Layout, limits: &Limits) -> Result<Option<Ban
         return Ok(None);
     }
     let read = || {
-        let map = Arc::new(Map::open(&beside)?);
-        let shared = Arc::clone(&map);
-        let mut reader = Reader::new(shared.bytes(), limits)?;
+        let file = Arc::new(TiffFile::open(&beside)?);
+        let mut reader = Reader::new(file.cursor(), file.length(), limits)?;
         let directories = reader.directories()?;
         let image = directories.first().ok_or_else(|| Error::format("TIFF header", "an image", "none"))?;
         let mask = check_mask(Layout::read(&mut reader, image, limits)?)?;
@@ -183,7 +187,8 @@ fn external_mask(path: &Path, of: &Layout, limits: &Limits) -> Result<Option<Ban
             let expected = format!("a mask of {} x {}", of.width, of.height);
             return Err(Error::format("size", expected, format!("{} x {}", mask.width, mask.height)));
         }
-        Ok(Some(Band::new(map, mask)))
+        drop(reader);
+        Ok(Some(Band::new(file, mask)))
     };
     read().map_err(|error: Error| error.at(&beside))
 }
@@ -233,6 +238,27 @@ mod tests {
                 assert_eq!(decoded, 100_usize.div_ceil(strip as usize), "strips of {strip}, bands of {band}");
             }
         }
+    }
+
+    #[test]
+    fn sweeps_over_different_columns_keep_their_blocks_apart() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("strips.tif");
+        let samples = strips(&path, 31, 100, 7);
+        let source = TiffSource::open(&path, &Limits::default()).expect("open");
+        for start in (0..100).step_by(10) {
+            for columns in [0..4, 4..20, 19..31] {
+                let rows = start..(start + 11).min(100);
+                let window = source.read_window(columns.clone(), rows.clone()).expect("window");
+                let Samples::Int16(got) = window.samples else { panic!() };
+                let expected = rows.flat_map(|y| {
+                    samples[y as usize * 31..][..31][columns.start as usize..columns.end as usize].to_vec()
+                });
+                assert!(got.into_iter().eq(expected), "{columns:?} from row {start}");
+            }
+        }
+        // Each of the three has decoded each of the 15 strips once.
+        assert_eq!(source.heights.decoded.load(Ordering::Relaxed), 3 * 15);
     }
 
     #[test]

@@ -1,0 +1,140 @@
+//! Tiles from their chunks.
+//!
+//! What a thread needs for it (the chunks, the buffers of the codec, the memory of tiles that have gone) is used again from tile to tile.
+
+use std::sync::{Arc, PoisonError};
+
+use super::{Reader, check_crc};
+use crate::codec::mask::Occupancy;
+use crate::codec::{self, Scratch};
+use crate::container::directory::{ChunkKind, TileEntry};
+use crate::error::Result;
+use crate::sample::{Coding, Lattice};
+use crate::tile::TileId;
+
+/// Buffers of one thread.
+#[derive(Default)]
+pub(super) struct Desk {
+    chunks: Vec<u8>,
+    scratch: Scratch,
+}
+
+impl Reader {
+    /// The samples of a tile. Ancestors that are not at hand are decoded first and kept: reading tiles depth first
+    /// decodes none twice.
+    pub fn read_tile(&self, id: TileId) -> Result<Arc<Lattice>> {
+        if let Some(lattice) = self.lattices.find(id) {
+            return Ok(lattice);
+        }
+        self.existing(id)?;
+        self.lattices.get(id, &|id, parent, out| self.decode_tile(id, parent, out))
+    }
+
+    /// The samples of a tile, in place of what `out` has. The tile itself is not kept, its ancestors are: this is the way
+    /// to read tiles once each, such as all leaves, in memory of one's own. After an error `out` is not defined.
+    pub fn read_tile_into(&self, id: TileId, out: &mut Lattice) -> Result<()> {
+        if let Some(lattice) = self.lattices.find(id) {
+            out.n = lattice.n;
+            out.code.clone_from(&lattice.code);
+            out.low.clone_from(&lattice.low);
+            out.state.clone_from(&lattice.state);
+            return Ok(());
+        }
+        self.existing(id)?;
+        self.lattices.decode(id, &|id, parent, out| self.decode_tile(id, parent, out), out)
+    }
+
+    /// Tiles decoded since the file was opened.
+    pub fn decoded_tiles(&self) -> u64 {
+        self.lattices.decoded()
+    }
+
+    fn decode_tile(&self, id: TileId, parent: Option<&Lattice>, out: &mut Lattice) -> Result<()> {
+        let entry = self.existing(id)?;
+        let lock = || self.desks.lock().unwrap_or_else(PoisonError::into_inner);
+        let desk = lock().pop();
+        let mut desk = desk.unwrap_or_default();
+        let decoded = self.decode_at(&mut desk, &entry, parent, out);
+        lock().push(desk);
+        decoded
+    }
+
+    fn decode_at(
+        &self,
+        desk: &mut Desk,
+        entry: &TileEntry,
+        parent: Option<&Lattice>,
+        out: &mut Lattice,
+    ) -> Result<()> {
+        let coding = self.header().coding;
+        let (heights, mask) =
+            self.heights_and_mask(entry, &mut desk.chunks).map_err(|error| error.at(&self.path))?;
+        shape(out, self.header().tile() as usize, coding);
+        if let Some(parent) = parent {
+            copy_even(parent, entry.id, out);
+        }
+        let occupancy = Occupancy { has_valid: entry.has_valid, has_void: entry.has_void };
+        let (root, scratch) = (parent.is_none(), &mut desk.scratch);
+        codec::mask::decode(mask, occupancy, out, root, scratch)
+            .and_then(|()| codec::height::decode(heights, out, coding, root, scratch))
+            .map_err(|error| self.in_tile(entry.id, error))
+    }
+
+    /// Two chunks that stand side by side, each held against its CRC.
+    fn heights_and_mask<'a>(
+        &self,
+        entry: &TileEntry,
+        buffer: &'a mut Vec<u8>,
+    ) -> Result<(&'a [u8], &'a [u8])> {
+        let (start, heights, _) = entry.chunks.chunk(ChunkKind::Heights);
+        let (_, mask, _) = entry.chunks.chunk(ChunkKind::Mask);
+        let length = heights as usize + mask as usize;
+        if buffer.len() < length {
+            buffer.resize(length, 0);
+        }
+        let chunks = &mut buffer[..length];
+        self.read_into(chunks, self.tiles.offset + start, "heights and mask")?;
+        let (heights, mask) = chunks.split_at(heights as usize);
+        for (kind, bytes) in [(ChunkKind::Heights, heights), (ChunkKind::Mask, mask)] {
+            let (offset, _, crc) = entry.chunks.chunk(kind);
+            let offset = self.tiles.offset + offset;
+            check_crc(bytes, crc, || format!("tile {}, {} chunk at offset {offset}", entry.id, kind.name()))?;
+        }
+        Ok((heights, mask))
+    }
+}
+
+/// Makes a lattice as large as a tile. What it had stays: a decoder writes every sample.
+fn shape(lattice: &mut Lattice, n: usize, coding: Coding) {
+    let count = (n + 1) * (n + 1);
+    let lows = if coding.has_low() { count } else { 0 };
+    if (lattice.n, lattice.code.len(), lattice.low.len(), lattice.state.len()) != (n, count, lows, count) {
+        *lattice = Lattice::new(n, coding);
+    }
+}
+
+/// Samples of even column and row are the parent's.
+fn copy_even(parent: &Lattice, id: TileId, lattice: &mut Lattice) {
+    let half = lattice.n / 2;
+    let (left, top) = ((id.x & 1) as usize * half, (id.y & 1) as usize * half);
+    for row in 0..=half {
+        let (from, to) = (parent.at(left, top + row), lattice.at(0, 2 * row));
+        let (source, target) = (from..=from + half, to..=to + lattice.n);
+        spread(&parent.code[source.clone()], &mut lattice.code[target.clone()]);
+        spread(&parent.state[source.clone()], &mut lattice.state[target.clone()]);
+        if !lattice.low.is_empty() {
+            spread(&parent.low[source], &mut lattice.low[target]);
+        }
+    }
+}
+
+/// Copies to every second place. Those between, which are decoded later, get the same: so whole vectors are stored.
+fn spread<T: Copy>(source: &[T], target: &mut [T]) {
+    let (pairs, last) = target.as_chunks_mut::<2>();
+    for (pair, &source) in pairs.iter_mut().zip(source) {
+        *pair = [source; 2];
+    }
+    if let ([last], Some(&source)) = (last, source.last()) {
+        *last = source;
+    }
+}

@@ -1,0 +1,93 @@
+//! The two kinds of numbers that heights are compared in.
+
+/// Numbers that rows are compared in: `i32` where the range of a tile allows it, `f64` elsewhere.
+pub trait Number: Copy + PartialOrd {
+    /// Nothing.
+    const ZERO: Self;
+    /// Sum.
+    fn plus(self, other: Self) -> Self;
+    /// Difference.
+    fn minus(self, other: Self) -> Self;
+    /// Times `2^bits`.
+    fn scaled(self, bits: u32) -> Self;
+    /// Absolute value.
+    fn magnitude(self) -> Self;
+    /// A small whole number.
+    fn whole(number: i32) -> Self;
+    /// As f64, which is exact.
+    fn wide(self) -> f64;
+
+    /// Maximum of two.
+    #[inline(always)]
+    fn larger(self, other: Self) -> Self {
+        if other > self { other } else { self }
+    }
+}
+
+impl Number for i32 {
+    const ZERO: Self = 0;
+
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        self + other
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        self - other
+    }
+
+    #[inline(always)]
+    fn scaled(self, bits: u32) -> Self {
+        self << bits
+    }
+
+    #[inline(always)]
+    fn magnitude(self) -> Self {
+        self.abs()
+    }
+
+    #[inline(always)]
+    fn whole(number: i32) -> Self {
+        number
+    }
+
+    #[inline(always)]
+    fn wide(self) -> f64 {
+        f64::from(self)
+    }
+}
+
+impl Number for f64 {
+    const ZERO: Self = 0.0;
+
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        self + other
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        self - other
+    }
+
+    #[inline(always)]
+    fn scaled(self, bits: u32) -> Self {
+        self * f64::from(1_u32 << bits)
+    }
+
+    #[inline(always)]
+    fn magnitude(self) -> Self {
+        self.abs()
+    }
+
+    #[inline(always)]
+    fn whole(number: i32) -> Self {
+        f64::from(number)
+    }
+
+    #[inline(always)]
+    fn wide(self) -> f64 {
+        self
+    }
+}

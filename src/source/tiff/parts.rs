@@ -1,0 +1,108 @@
+//! A window of a raster, taken apart by the blocks that it lies in.
+
+use std::ops::Range;
+
+use zerocopy::{FromBytes, Immutable, IntoBytes};
+
+use super::layout::Layout;
+use crate::error::{Error, Result};
+
+/// A number as it lies in memory; any bytes are one.
+pub(super) trait Number: Copy + PartialEq + Send + Sync + FromBytes + IntoBytes + Immutable {}
+
+impl<T: Copy + PartialEq + Send + Sync + FromBytes + IntoBytes + Immutable> Number for T {}
+
+/// What a window wants of one block.
+pub(super) struct Part<'a, T> {
+    /// Which block.
+    pub(super) block: usize,
+    /// First wanted row of the block.
+    pub(super) top: u32,
+    /// First wanted column of the block.
+    pub(super) left: u32,
+    /// Where the wanted samples go, row by row.
+    pub(super) rows: Vec<&'a mut [T]>,
+}
+
+impl<T: Number> Part<'_, T> {
+    /// Copies from a block of one band, decoded.
+    pub(super) fn copy(&mut self, layout: &Layout, bytes: &[u8]) {
+        let row_bytes = layout.block_width as usize * size_of::<T>();
+        let from = self.top as usize * row_bytes + self.left as usize * size_of::<T>();
+        for (row, bytes) in self.rows.iter_mut().zip(bytes[from..].chunks(row_bytes)) {
+            let row = row.as_mut_bytes();
+            row.copy_from_slice(&bytes[..row.len()]);
+        }
+    }
+
+    /// For a block that is not in the file.
+    pub(super) fn fill(&mut self, value: T) {
+        self.rows.iter_mut().for_each(|row| row.fill(value));
+    }
+}
+
+/// Room for so many samples. Fresh memory is zero already: nothing writes it twice.
+pub(super) fn room<T: Number>(columns: &Range<u32>, rows: &Range<u32>) -> Result<Vec<T>> {
+    T::new_vec_zeroed(columns.len().saturating_mul(rows.len())).map_err(|_| {
+        Error::usage(format!("not enough memory for {} rows of {} samples", rows.len(), columns.len()))
+    })
+}
+
+/// The parts of a window in the order of their blocks; `out` has the samples of the window, at least one.
+pub(super) fn split<'a, T>(
+    layout: &Layout,
+    columns: &Range<u32>,
+    rows: &Range<u32>,
+    out: &'a mut [T],
+) -> Vec<Part<'a, T>> {
+    let (width, height) = (layout.block_width, layout.block_height);
+    let across = columns.start / width..(columns.end - 1) / width + 1;
+    let mut parts: Vec<Part<'a, T>> = Vec::new();
+    for (y, mut rest) in rows.clone().zip(out.chunks_exact_mut(columns.len())) {
+        if y == rows.start || y % height == 0 {
+            parts.extend(across.clone().map(|x| Part {
+                block: (y / height) as usize * layout.across as usize + x as usize,
+                top: y % height,
+                left: columns.start.saturating_sub(x * width),
+                rows: Vec::new(),
+            }));
+        }
+        let first = parts.len() - across.len();
+        for (part, x) in parts[first..].iter_mut().zip(across.clone()) {
+            let end = u64::from(columns.end).min((u64::from(x) + 1) * u64::from(width)) as u32;
+            let (own, others) = rest.split_at_mut((end - x * width - part.left) as usize);
+            part.rows.push(own);
+            rest = others;
+        }
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::layout::tests::layout;
+    use super::*;
+
+    #[test]
+    fn every_sample_of_a_window_belongs_to_the_block_that_it_lies_in() {
+        for (columns, rows) in [(0..10, 0..10), (3..7, 2..9), (4..8, 5..6), (9..10, 0..1), (2..3, 0..10)] {
+            let mut out = room::<u32>(&columns, &rows).expect("memory");
+            let layout = layout(10, 10, 4, 3);
+            let mut blocks = Vec::new();
+            for mut part in split(&layout, &columns, &rows, &mut out) {
+                blocks.push(part.block);
+                let mut bytes = Vec::new();
+                for y in 0..3 {
+                    bytes.extend((0..4).flat_map(|x| (part.block as u32 * 100 + y * 10 + x).to_ne_bytes()));
+                }
+                part.copy(&layout, &bytes);
+            }
+            let mut expected = Vec::new();
+            for y in rows {
+                expected.extend(columns.clone().map(|x| (y / 3 * 3 + x / 4) * 100 + y % 3 * 10 + x % 4));
+            }
+            assert_eq!(out, expected);
+            assert!(blocks.is_sorted());
+        }
+    }
+}
