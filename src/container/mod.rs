@@ -17,7 +17,6 @@ pub mod sections;
 pub mod work;
 pub mod writer;
 
-use crate::file;
 pub use directory::{ChunkKind, TileEntry};
 pub use layout::{Header, Metric, leaf_level};
 pub use metadata::{Metadata, Statistics};

@@ -5,13 +5,12 @@
 //! resumed. The same tiles give the same bytes in whatever order they came. The writer knows no samples: what a chunk means
 //! is the codec's affair.
 
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use super::assemble::Tree;
 use super::directory::{ChunkKind, ChunkPlace, TileEntry};
-use super::file::read_exact_at;
 use super::layout::Header;
 use super::metadata::{Metadata, Statistics};
 use super::opening::{OPENING_BYTES, Opening};
@@ -22,9 +21,12 @@ use crate::codec::frame;
 use crate::error::{Error, Result};
 use crate::tile::TileId;
 
+mod levels;
 mod unfinished;
 
 pub use unfinished::Mark;
+
+use levels::{LevelFile, copy_tiles, level_file, open};
 
 const BUFFER: usize = 1 << 20;
 const SECTIONS: usize = 5;
@@ -102,34 +104,6 @@ pub struct FileSummary {
     pub metadata_bytes: u64,
     /// Bytes of the statistics section as stored.
     pub statistics_bytes: u64,
-}
-
-/// Chunks of one level in the order in which they came.
-struct LevelFile {
-    file: BufWriter<File>,
-    end: u64,
-    /// Files of pieces, as if they stood one after the other from [`ADOPTED`] on.
-    adopted: Vec<Adopted>,
-}
-
-/// Offset of the first adopted file: far behind the end of any other.
-const ADOPTED: u64 = 1 << 60;
-
-/// A level's file of a piece.
-struct Adopted {
-    base: u64,
-    end: u64,
-    file: File,
-}
-
-impl LevelFile {
-    /// Fills `bytes` from an offset of the level's own file, or of an adopted one.
-    fn read(&self, bytes: &mut [u8], offset: u64) -> io::Result<()> {
-        match self.adopted.iter().find(|adopted| (adopted.base..adopted.end).contains(&offset)) {
-            Some(adopted) => read_exact_at(&adopted.file, bytes, offset - adopted.base),
-            None => read_exact_at(self.file.get_ref(), bytes, offset),
-        }
-    }
 }
 
 /// Writes one container; dropped before [`ContainerWriter::finish`], it leaves nothing behind but what a state needs.
@@ -355,11 +329,6 @@ fn spent() -> Error {
     Error::usage("a tile could not be written; the file cannot be finished")
 }
 
-/// Opens a file of the work folder to be written and read back; `new`: empty.
-fn open(path: &Path, new: bool) -> io::Result<File> {
-    OpenOptions::new().create(new).truncate(new).read(true).write(true).open(path)
-}
-
 fn entry_of(record: &TileRecord, chunks: ChunkPlace) -> TileEntry {
     TileEntry {
         id: record.id,
@@ -372,27 +341,6 @@ fn entry_of(record: &TileRecord, chunks: ChunkPlace) -> TileEntry {
         max_m: record.max_m,
         chunks,
     }
-}
-
-fn level_name(level: usize) -> String {
-    format!("level-{level:02}")
-}
-
-/// The file of a level, opened when its first tile comes.
-fn level_file<'a>(
-    files: &'a mut Vec<Option<LevelFile>>,
-    level: usize,
-    work: &WorkFolder,
-) -> io::Result<&'a mut LevelFile> {
-    if files.len() <= level {
-        files.resize_with(level + 1, || None);
-    }
-    let slot = &mut files[level];
-    if let Some(file) = slot {
-        return Ok(file);
-    }
-    let file = open(&work.path(&level_name(level)), true)?;
-    Ok(slot.insert(LevelFile { file: BufWriter::with_capacity(BUFFER, file), end: 0, adopted: Vec::new() }))
 }
 
 /// Fails if a chunk is longer than any terrain of this tile size needs: readers would refuse it.
@@ -431,29 +379,4 @@ fn opening(header: Header, small: [(u32, &[u8]); 3], tiles: u64, pages: u64) -> 
         sections.push(section);
     }
     Ok(Opening { header, sections, file_length: end })
-}
-
-/// Copies the chunks of some tiles and makes sure that they are still what came.
-fn copy_tiles(
-    file: &LevelFile,
-    entries: &[TileEntry],
-    sources: &[u64],
-    out: &mut impl Write,
-) -> io::Result<()> {
-    let mut buffer = Vec::new();
-    for (entry, &source) in entries.iter().zip(sources) {
-        buffer.resize(entry.chunks.bytes() as usize, 0);
-        file.read(&mut buffer, source)?;
-        let mut rest = buffer.as_slice();
-        for (length, crc) in entry.chunks.lengths.into_iter().zip(entry.chunks.crcs) {
-            let (chunk, behind) = rest.split_at(length as usize);
-            if crc32fast::hash(chunk) != crc {
-                let what = format!("the disk gave back other bytes for tile {} than it was given", entry.id);
-                return Err(io::Error::other(what));
-            }
-            rest = behind;
-        }
-        out.write_all(&buffer)?;
-    }
-    Ok(())
 }

@@ -6,9 +6,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::{
-    ADOPTED, Adopted, BUFFER, ContainerWriter, LevelFile, RECORDS, level_file, level_name, open, spent,
-};
+use super::levels::{ADOPTED, Adopted, LevelFile, level_file, level_name, open};
+use super::{BUFFER, ContainerWriter, RECORDS, spent};
 use crate::container::assemble::Tree;
 use crate::container::directory::TileEntry;
 use crate::container::records;
