@@ -2,7 +2,7 @@
 //!
 //! Drawn triangles are unions of fine ones (the alternating diagonals nest), so the difference of the surfaces is linear
 //! on each fine triangle and largest at a vertex of the part that is shown. Without voids these are the samples
-//! ([`comb`], [`rows`]); with voids also the points where an outline crosses an edge ([`holed`]).
+//! (`comb`, `rows`); with voids also the points where an outline crosses an edge (`holed`).
 
 use crate::patch::blocks::{HAS_VALID, HAS_VOID, reduce_state};
 use crate::patch::cell::Cell;

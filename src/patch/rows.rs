@@ -201,7 +201,7 @@ pub const NEAR: u8 = 1;
 pub struct HoledCell<'a, N, const MIXED: bool> {
     /// Heights from the north-west corner on.
     pub z: &'a [N],
-    /// [`VALID`](crate::sample::VALID), [`NEAR`] or [`FAR`], from there on.
+    /// [`VALID`], [`NEAR`] or [`FAR`], from there on.
     pub class: &'a [u8],
     /// Samples in a row.
     pub stride: usize,

@@ -172,7 +172,7 @@ pub fn build(
     })
 }
 
-/// Builds the tiles of a window of leaf tiles, as far as they can be without the others: a piece, which is a folder, for [`merge`].
+/// Builds the tiles of a window of leaf tiles, as far as they can be without the others: a piece, which is a folder, for [`merge()`].
 ///
 /// # Errors
 /// As [`build`], and if the window is not in the lattice.
