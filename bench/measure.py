@@ -116,7 +116,7 @@ def read_through(path):
 def main():
     data, case, runs, programs = sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4]
     dem = os.path.join(data, case + ".tif")
-    work = os.path.join(data, "work")
+    work = os.path.join(data, "scratch")
     os.makedirs(work, exist_ok=True)
     save(os.path.join(data, "results", "machine.json"), machine(programs))
     path = os.path.join(data, "results", case + ".json")

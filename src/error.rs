@@ -63,7 +63,7 @@ pub enum Error {
         /// What is wrong with it and what to do.
         what: String,
     },
-    /// The user asked to stop (Ctrl-C); nothing is left behind.
+    /// The user asked to stop (Ctrl-C); no output of the name is there, at most a work folder to be resumed.
     #[error("interrupted; no output was written")]
     Interrupted,
 }

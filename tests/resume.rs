@@ -225,6 +225,8 @@ fn changed_options_and_inputs_are_refused() {
     fails(&other.output().expect("runs"), &["--nodata was None, now it is Some(-1.0)", "--force"]);
     let other = case.command(&["--resume", "--precision", "5"]).output().expect("runs");
     fails(&other, &["--precision", "--force"]);
+    let other = case.command(&["--resume", "--jobs", "2", "--memory", "27MiB"]).output().expect("runs");
+    fails(&other, &["--memory", "begun with more", "--force"]);
     let other = case.command(&["--resume", "--window", "0,0,3,3"]).output().expect("runs");
     fails(&other, &["window", "--force"]);
     case.resumes();

@@ -57,7 +57,7 @@ pub struct Args {
     #[arg(long, value_name = "SIZE", value_parser = size)]
     memory: Option<u64>,
     /// Build these tiles of the leaf level only, from column X0 and row Y0 up to X1 and Y1: OUT is then a piece for `relevo merge`
-    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = window, conflicts_with_all = ["dry_run", "verify", "json"])]
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = window, conflicts_with_all = ["dry_run", "verify", "json", "memory"])]
     window: Option<Extent>,
     /// Say what would be made, and what it takes, without reading a sample
     #[arg(long)]

@@ -72,6 +72,25 @@ pub struct Errors {
     pub ahead_horizontal: Vec<Vec<f64>>,
 }
 
+impl Errors {
+    /// True if these are errors of `patches x patches` patches and `steps` steps, as far as they were measured ahead too.
+    pub fn is_of(&self, patches: usize, steps: usize) -> bool {
+        let finer = |errors: &Vec<Vec<f64>>| {
+            errors.len() == steps && errors.iter().all(|step| step.len() == patches * patches)
+        };
+        let ahead = |errors: &Vec<Vec<f64>>| {
+            let sides = (1..).map(|j| patches.checked_shr(j).unwrap_or(0));
+            errors.iter().zip(sides).all(|(square, side)| side > 0 && square.len() == side * side)
+        };
+        let alike = self.ahead_vertical.len() == self.ahead_horizontal.len();
+        finer(&self.vertical)
+            && finer(&self.horizontal)
+            && alike
+            && ahead(&self.ahead_vertical)
+            && ahead(&self.ahead_horizontal)
+    }
+}
+
 /// Makes every step at least as large as the finer one before it.
 pub fn make_monotone(steps: &mut [Vec<f64>]) {
     for k in 1..steps.len() {
@@ -79,5 +98,30 @@ pub fn make_monotone(steps: &mut [Vec<f64>]) {
         for (coarse, &fine) in coarser[0].iter_mut().zip(&finer[k - 1]) {
             *coarse = coarse.max(fine);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_another_shape_are_told_apart() {
+        let errors = |steps: usize, patches: usize, ahead: &[usize]| Errors {
+            vertical: vec![vec![0.0; patches * patches]; steps],
+            horizontal: vec![vec![0.0; patches * patches]; steps],
+            ahead_vertical: ahead.iter().map(|side| vec![0.0; side * side]).collect(),
+            ahead_horizontal: ahead.iter().map(|side| vec![0.0; side * side]).collect(),
+        };
+        assert!(
+            errors(7, 4, &[]).is_of(4, 7)
+                && errors(7, 4, &[2, 1]).is_of(4, 7)
+                && errors(7, 1, &[]).is_of(1, 7)
+        );
+        for wrong in [errors(6, 4, &[]), errors(7, 2, &[]), errors(7, 4, &[2, 2]), errors(7, 4, &[2, 1, 0])] {
+            assert!(!wrong.is_of(4, 7));
+        }
+        let uneven = Errors { ahead_vertical: Vec::new(), ..errors(7, 4, &[2]) };
+        assert!(!uneven.is_of(4, 7));
     }
 }

@@ -164,6 +164,9 @@ pub fn build(
         let window = Extent::of_level(&plan, plan.levels);
         let strips = plan.strips(options.memory)?;
         let begun = Begun::new(source, output, options, observer, &mut plan, window, None)?;
+        if !begun.is_new() {
+            plan.check_limit(&begun.state.strips, options.memory)?;
+        }
         if begun.is_new() && strips.len() > 1 || !begun.state.strips.is_empty() {
             return strips::build(source, begun, strips, options, observer, &plan, start);
         }

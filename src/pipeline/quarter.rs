@@ -2,7 +2,7 @@
 //!
 //! As bytes, for a build that goes on elsewhere or later, it is one zstd frame. Nothing is rounded: what comes back is the same.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::patch::Errors;
 use crate::patch::blocks::Blocks;
 use crate::pipeline::bytes::{Reader, Writer, unpacked};
@@ -74,8 +74,9 @@ impl Quarter {
         out.packed()
     }
 
-    /// The inverse of [`Quarter::encode`], for tiles of `n` intervals.
-    pub fn decode(packed: &[u8], n: usize, coding: Coding) -> Result<Self> {
+    /// The inverse of [`Quarter::encode`], for the tiles of a plan.
+    pub fn decode(packed: &[u8], plan: &Plan) -> Result<Self> {
+        let (n, coding) = (plan.tile, plan.recipe.coding);
         let half = n / 2;
         let bytes = unpacked(packed, n)?;
         let mut from = Reader::new(&bytes);
@@ -107,6 +108,11 @@ impl Quarter {
         };
         let range = Range { low: from.float()?, high: from.float()? };
         from.end()?;
+        let patches = n / plan.patch;
+        if !errors.is_of(patches, plan.patch.trailing_zeros() as usize + 1) {
+            let expected = format!("errors of {patches} x {patches} patches");
+            return Err(Error::format("what a tile left for its parent", expected, "others"));
+        }
         Ok(Self { lattice, blocks, errors, range })
     }
 }
@@ -143,7 +149,8 @@ pub fn encode_rim(lattice: &Lattice) -> Result<Vec<u8>> {
 }
 
 /// The inverse of [`encode_rim`]: a lattice that is void within.
-pub fn decode_rim(packed: &[u8], n: usize, coding: Coding) -> Result<Lattice> {
+pub fn decode_rim(packed: &[u8], plan: &Plan) -> Result<Lattice> {
+    let (n, coding) = (plan.tile, plan.recipe.coding);
     let bytes = unpacked(packed, n)?;
     let mut from = Reader::new(&bytes);
     let mut lattice = Lattice::new(n, coding);

@@ -13,8 +13,9 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::pipeline::bytes::Reader;
+use crate::pipeline::plan::Plan;
 use crate::pipeline::quarter::{self, Quarter};
-use crate::sample::{Coding, Lattice};
+use crate::sample::Lattice;
 use crate::tile::TileId;
 
 const HEAD: usize = 18;
@@ -143,19 +144,13 @@ impl Seams {
     }
 
     /// Quarters of the tiles of a row, from west to east; they are gone then.
-    pub fn take_quarters(
-        &mut self,
-        level: u8,
-        y: u32,
-        n: usize,
-        coding: Coding,
-    ) -> Result<Vec<(u32, Quarter)>> {
-        self.take((Kind::Quarter, level, y), |frame| Quarter::decode(frame, n, coding))
+    pub fn take_quarters(&mut self, level: u8, y: u32, plan: &Plan) -> Result<Vec<(u32, Quarter)>> {
+        self.take((Kind::Quarter, level, y), |frame| Quarter::decode(frame, plan))
     }
 
     /// Rims of the tiles of a row.
-    pub fn take_rims(&mut self, level: u8, y: u32, n: usize, coding: Coding) -> Result<Vec<(u32, Lattice)>> {
-        self.take((Kind::Rim, level, y), |frame| quarter::decode_rim(frame, n, coding))
+    pub fn take_rims(&mut self, level: u8, y: u32, plan: &Plan) -> Result<Vec<(u32, Lattice)>> {
+        self.take((Kind::Rim, level, y), |frame| quarter::decode_rim(frame, plan))
     }
 
     fn take<T: Send>(

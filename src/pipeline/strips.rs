@@ -92,6 +92,19 @@ impl Plan {
         Ok((0..count).map(|i| Extent { columns: column(i)..column(i + 1), rows: all.rows.clone() }).collect())
     }
 
+    /// Fails if a build that was begun in these strips (none: in one go) takes more than `limit`.
+    pub fn check_limit(&self, strips: &[Extent], limit: Option<u64>) -> Result<()> {
+        let widest = strips.iter().map(|strip| strip.columns.len() as u64 + HALO).max();
+        let needed = self.memory(widest.unwrap_or_else(|| self.columns_of_tiles(self.levels).into()));
+        if limit.is_none_or(|limit| needed <= limit) {
+            return Ok(());
+        }
+        Err(Error::usage(format!(
+            "--memory: the unfinished build was begun with more and may take {} MiB: resume it with that, or begin anew with --force",
+            needed.div_ceil(1 << 20)
+        )))
+    }
+
     /// Bytes of memory that a sweep over this many columns of leaf tiles takes at most.
     ///
     /// With lattices of `S = (T + 1)^2 s` bytes (s = 5, or 9 for float64), blocks of `B = 9 T^2`, and quarters a fourth of both: the leaf

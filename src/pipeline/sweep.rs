@@ -261,7 +261,7 @@ impl<'a> Sweep<'a> {
         if level == 0 {
             return Ok(());
         }
-        let earlier = self.earlier.take_quarters(level, y, self.plan.tile, self.plan.recipe.coding)?;
+        let earlier = self.earlier.take_quarters(level, y, self.plan)?;
         if !earlier.is_empty() {
             quarters.extend(earlier);
             quarters.sort_unstable_by_key(|(x, _)| *x);
@@ -302,7 +302,7 @@ impl<'a> Sweep<'a> {
         }
         let parent = |quad| Work::parent(quad, plan).map_or(Slot::Empty, |work| Slot::Work(Box::new(work)));
         let mut slots: Vec<Slot> = quads.into_par_iter().map(parent).collect();
-        for (x, rim) in self.earlier.take_rims(above, y, plan.tile, plan.recipe.coding)? {
+        for (x, rim) in self.earlier.take_rims(above, y, plan)? {
             let slot = x.checked_sub(assembled.columns.start).and_then(|i| slots.get_mut(i as usize));
             if let Some(slot @ Slot::Empty) = slot {
                 *slot = Slot::Seen(rim);
