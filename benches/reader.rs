@@ -38,6 +38,8 @@ impl Hills {
             vertical_unit: (1.0, String::new()),
             geo: Geo::default(),
             description: "hills".into(),
+            parts: Vec::new(),
+            footprint: None,
             block_rows: 1,
         };
         Self { info, lakes }

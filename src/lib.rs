@@ -47,6 +47,7 @@ mod file;
 pub mod geo;
 pub mod geotiff_write;
 pub mod hillshade;
+pub mod imagery;
 pub mod limits;
 pub mod patch;
 pub mod pipeline;
@@ -54,6 +55,7 @@ pub mod sample;
 pub mod simd;
 pub mod source;
 pub mod surface;
+pub mod texel;
 pub mod tile;
 pub mod verify;
 

@@ -7,7 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Layer of each top module of the library; see ARCHITECTURE.md.
-const LAYERS: [(&str, u8); 20] = [
+const LAYERS: [(&str, u8); 22] = [
     ("error", 0),
     ("file", 0),
     ("error_code", 0),
@@ -15,10 +15,12 @@ const LAYERS: [(&str, u8); 20] = [
     ("geo", 0),
     ("sample", 0),
     ("simd", 0),
+    ("texel", 0),
     ("source", 1),
     ("tile", 2),
     ("codec", 2),
     ("patch", 3),
+    ("imagery", 3),
     ("container", 4),
     ("pipeline", 5),
     ("surface", 5),

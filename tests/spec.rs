@@ -44,8 +44,7 @@ fn worked_example() -> Vec<u8> {
 fn the_worked_example_is_what_the_program_writes() {
     let folder = tempfile::tempdir().expect("folder");
     let output = folder.path().join("tiny.rlv");
-    let source_name = "tiny_3x2.tif".to_owned();
-    let options = BuildOptions { tile: 16, patch: 4, source_name, ..BuildOptions::default() };
+    let options = BuildOptions { tile: 16, patch: 4, ..BuildOptions::default() };
     build(&fixture("tiny_3x2.tif"), &output, &options);
     let written = std::fs::read(&output).expect("file");
     let expected = worked_example();

@@ -7,12 +7,12 @@ use std::time::Duration;
 
 use relevo::Error;
 use relevo::container::layout::Metric;
-use relevo::limits::Limits;
 use relevo::pipeline::reach::Extent;
 use relevo::pipeline::{self, BuildOptions, Plan, Report};
-use relevo::source::{self, SourceInfo};
+use relevo::source::SourceInfo;
 use serde_json::json;
 
+use crate::cli::dem::{Dem, SourceArgs};
 use crate::cli::progress::{Mode, Show};
 use crate::cli::table::{bytes, grouped, seconds, short};
 use crate::cli::{Failure, Outcome, verify};
@@ -21,9 +21,9 @@ use crate::cli::{Failure, Outcome, verify};
 #[derive(clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a flag of the command line")]
 pub struct Args {
-    /// The DEM: a GeoTIFF (any raster of GDAL's if built with --features gdal)
-    dem: PathBuf,
-    /// The file to make [default: the DEM's name with .rlv, in the current folder]
+    #[command(flatten)]
+    dem: Dem,
+    /// The file to make [default: the (first) DEM's name with .rlv, in the current folder]
     #[arg(short, long, value_name = "OUT.rlv")]
     output: Option<PathBuf>,
     /// Intervals of a tile: a power of two, 16 to 1024
@@ -38,9 +38,8 @@ pub struct Args {
     /// Quantise heights to this many metres (off by at most half of it); lossless without
     #[arg(long, value_name = "M")]
     precision: Option<f64>,
-    /// Value that means void, instead of what the file says
-    #[arg(long, value_name = "V", allow_hyphen_values = true)]
-    nodata: Option<f64>,
+    #[command(flatten)]
+    source: SourceArgs,
     /// Threads [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
@@ -81,15 +80,14 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         patch: args.patch,
         metric: if args.metric == "paper" { Metric::Paper } else { Metric::Bound },
         precision_m: args.precision,
-        nodata: args.nodata,
+        nodata: args.source.nodata,
         jobs: args.jobs.map(usize::from),
         force: args.force,
         resume: args.resume,
         memory: args.memory,
         checkpoint: Some(Duration::from_secs_f64(args.checkpoint)),
-        source_name: args.dem.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
     };
-    let source = source::open(&args.dem, &Limits::default())?;
+    let source = args.source.open(&args.dem.dems)?;
     let plan = pipeline::plan(source.info(), &options)?;
     if args.dry_run {
         return dry_run(args, (source.info(), &options), &plan, &output, out);
@@ -98,13 +96,13 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if let Some(window) = &args.window {
         let done = pipeline::build_window(&*source, &output, window, &options, &show);
         show.finish();
-        done.map_err(|error| failure(error, &args.dem, &output))?;
+        done.map_err(|error| failure(error, args.dem.first(), &output))?;
         writeln!(out, "{}: tiles {window}, to be joined by `relevo merge`", output.display())?;
         return Ok(ExitCode::SUCCESS);
     }
     let report = pipeline::build(&*source, &output, &options, &show);
     show.finish();
-    let report = report.map_err(|error| failure(error, &args.dem, &output))?;
+    let report = report.map_err(|error| failure(error, args.dem.first(), &output))?;
     if args.json {
         serde_json::to_writer_pretty(&mut *out, &json(&report, &output)).map_err(std::io::Error::from)?;
         writeln!(out)?;
@@ -114,8 +112,7 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     if args.verify {
         writeln!(out)?;
-        let (file, source) = (output, Some(args.dem.clone()));
-        return verify::run(&verify::Args { file, source, deep: false, show: 10, json: false }, out);
+        return verify::run(&verify::Args::after_build(output, &args.dem, &args.source), out);
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -124,10 +121,10 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 fn output(args: &Args) -> Result<PathBuf, Error> {
     let output = match &args.output {
         Some(path) => path.clone(),
-        None => PathBuf::from(args.dem.file_name().unwrap_or_default()).with_extension("rlv"),
+        None => PathBuf::from(args.dem.first().file_name().unwrap_or_default()).with_extension("rlv"),
     };
     let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
-    if same(&output, &args.dem) {
+    if args.dem.dems.iter().any(|dem| same(&output, dem)) {
         return Err(Error::usage(format!("{}: input and output are the same file", output.display())));
     }
     Ok(output)
@@ -190,7 +187,7 @@ fn dry_run(
     let disk = plan.disk_estimate(info.sample_type);
     if args.json {
         let plan = json!({
-            "source": args.dem, "output": output, "description": info.description,
+            "source": args.dem.dems, "output": output, "description": info.description,
             "columns": plan.width, "rows": plan.height, "sample_type": info.sample_type,
             "levels": plan.levels + 1, "most_tiles": tiles.iter().sum::<u64>(), "most_tiles_by_level": tiles,
             "memory_bytes": memory, "disk_bytes": disk, "work_folder_bytes": 2 * disk,
@@ -221,7 +218,7 @@ fn dry_run(
     Ok(ExitCode::SUCCESS)
 }
 
-fn source_line(dem: &Path, info: &SourceInfo) -> String {
+fn source_line(dem: &Dem, info: &SourceInfo) -> String {
     let crs = &info.geo.crs;
     let place = match (crs.epsg, crs.name.is_empty(), info.geo.transform) {
         (Some(code), _, _) => format!("EPSG:{code}"),
@@ -230,7 +227,7 @@ fn source_line(dem: &Path, info: &SourceInfo) -> String {
         (None, true, None) => "not georeferenced".to_owned(),
     };
     let kind = info.sample_type.gdal_name();
-    format!("{}: {} x {} {kind}, {place}; {}", dem.display(), info.width, info.height, info.description)
+    format!("{}: {} x {} {kind}, {place}; {}", dem.name(), info.width, info.height, info.description)
 }
 
 /// Says what was made.

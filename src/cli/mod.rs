@@ -3,6 +3,7 @@
 //! Exit codes: 0 done, 1 the check found a problem, 2 could not do it; a reader that closes the pipe is no error.
 
 mod build;
+mod dem;
 mod export;
 mod info;
 mod merge;

@@ -6,11 +6,11 @@ use std::process::ExitCode;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use relevo::container::reader::Reader;
-use relevo::limits::Limits;
-use relevo::source::{self, Source};
+use relevo::source::Source;
 use relevo::verify::{Check, Progress, Ratios, VerifyOptions, VerifyReport, refused, verify};
 use serde_json::json;
 
+use crate::cli::dem::{Dem, SourceArgs};
 use crate::cli::table::{Table, grouped, short};
 use crate::cli::{Outcome, stopped};
 
@@ -20,8 +20,10 @@ pub struct Args {
     /// The .rlv file
     pub(super) file: PathBuf,
     /// The DEM it was built from: compare every sample
-    #[arg(long, value_name = "DEM")]
-    pub(super) source: Option<PathBuf>,
+    #[arg(long, value_name = "DEM", num_args = 1..)]
+    pub(super) source: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(super) reading: SourceArgs,
     /// Recompute every error by brute force, at full resolution in memory
     #[arg(long)]
     pub(super) deep: bool,
@@ -31,6 +33,14 @@ pub struct Args {
     /// As JSON
     #[arg(long)]
     pub(super) json: bool,
+}
+
+impl Args {
+    /// The check of a file that has just been built.
+    pub fn after_build(file: PathBuf, dem: &Dem, reading: &SourceArgs) -> Self {
+        let (source, reading) = (dem.dems.clone(), reading.clone());
+        Self { file, source, reading, deep: false, show: 10, json: false }
+    }
 }
 
 /// Checks, and says what was found: exit code 0 if all is good, 1 if not.
@@ -53,8 +63,7 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn check(args: &Args, reader: &Reader) -> relevo::Result<VerifyReport> {
-    let limits = Limits::default();
-    let source = args.source.as_deref().map(|path| source::open(path, &limits)).transpose()?;
+    let source = (!args.source.is_empty()).then(|| args.reading.open(&args.source)).transpose()?;
     let options = VerifyOptions { deep: args.deep, keep: args.show, ..VerifyOptions::default() };
     let bar = io::stderr().is_terminal().then(|| {
         let style = ProgressStyle::with_template("{msg:8} [{bar:40}] {percent:>3} %  {elapsed} elapsed");

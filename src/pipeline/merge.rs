@@ -15,7 +15,7 @@ use crate::pipeline::state::State;
 use crate::pipeline::sweep::Sweep;
 use crate::pipeline::tally::Tally;
 use crate::pipeline::{BuildOptions, Observer, Report, Stage, plan};
-use crate::source::SourceInfo;
+use crate::source::{Part, SourceInfo};
 
 /// Joins finished windows that cover the raster.
 pub fn merge(pieces: &[PathBuf], output: &Path, force: bool, observer: &dyn Observer) -> Result<Report> {
@@ -171,13 +171,14 @@ fn metadata(info: &SourceInfo, plan: &Plan, statistics: &Statistics, options: &B
         pixel_is_point: info.geo.pixel_is_point,
         bounds: info.geo.transform.map(|_| info.geo.bounds(info.width, info.height)),
         vertical_unit: info.vertical_unit.1.clone(),
-        sources: vec![SourceNote {
-            name: options.source_name.clone(),
-            description: info.description.clone(),
-        }],
+        sources: info.parts.iter().map(source_note).collect(),
         options: plan.options_json(options),
         levels: statistics.levels.iter().map(level_note).collect(),
     }
+}
+
+fn source_note(part: &Part) -> SourceNote {
+    SourceNote { name: part.name.clone(), description: part.description.clone() }
 }
 
 fn level_note(level: &LevelStatistics) -> LevelNote {

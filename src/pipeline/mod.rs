@@ -63,8 +63,6 @@ pub struct BuildOptions {
     /// Bytes of memory that the build keeps within, by building strips of columns one after the other if it must. `None`: no limit.
     #[serde(skip)]
     pub memory: Option<u64>,
-    /// Name of the source as recorded in the file.
-    pub source_name: String,
 }
 
 impl Default for BuildOptions {
@@ -80,7 +78,6 @@ impl Default for BuildOptions {
             resume: false,
             checkpoint: None,
             memory: None,
-            source_name: String::new(),
         }
     }
 }
@@ -100,7 +97,6 @@ impl BuildOptions {
             .or_else(|| differ("--metric", &self.metric, &other.metric))
             .or_else(|| differ("--precision", &self.precision_m, &other.precision_m))
             .or_else(|| differ("--nodata", &self.nodata, &other.nodata))
-            .or_else(|| differ("the recorded name of the input", &self.source_name, &other.source_name))
     }
 }
 

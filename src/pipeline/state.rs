@@ -18,7 +18,7 @@ use crate::source::{Fingerprint, SourceInfo};
 
 const MAGIC: &[u8; 8] = b"RLVSTATE";
 /// Goes up with every change to the state, the seam items, the list of tiles, or the chunks.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const HEAD: usize = 20;
 /// Name of the state in its folder.
 pub const NAME: &str = "state";

@@ -13,7 +13,10 @@ use gdal::raster::{GdalType, RasterBand};
 use gdal::spatial_ref::SpatialRef;
 use gdal::{Dataset, Metadata};
 
-use super::{FileStamp, Fingerprint, Samples, Source, SourceInfo, Window, check_window, epsg, metadata, wkt};
+use super::{
+    FileStamp, Fingerprint, Part, Samples, Source, SourceInfo, Window, check_window, epsg, file_name,
+    metadata, wkt,
+};
 use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind, Ellipsoid, Geo};
 use crate::limits::Limits;
@@ -36,7 +39,7 @@ impl GdalSource {
             let what = format!("GDAL cannot open it ({error})");
             Error::unsupported(what, "see what gdalinfo says of it").at(path)
         })?;
-        let (info, has_mask) = describe(&dataset, limits).map_err(|error| error.at(path))?;
+        let (info, has_mask) = describe(&dataset, path, limits).map_err(|error| error.at(path))?;
         Ok(Self { path: path.to_owned(), info, dataset: Mutex::new(dataset), has_mask })
     }
 
@@ -96,7 +99,7 @@ fn read<T: GdalType + Copy>(
 }
 
 /// Everything known at once, and whether the mask is to be read.
-fn describe(dataset: &Dataset, limits: &Limits) -> Result<(SourceInfo, bool)> {
+fn describe(dataset: &Dataset, path: &Path, limits: &Limits) -> Result<(SourceInfo, bool)> {
     let wrong = |error: GdalError| Error::format("band 1", "a raster band", error);
     let band = dataset.rasterband(1).map_err(wrong)?;
     let (width, height) = band.size();
@@ -106,6 +109,7 @@ fn describe(dataset: &Dataset, limits: &Limits) -> Result<(SourceInfo, bool)> {
     let transform = dataset.geo_transform().ok();
     let pixel_is_point = dataset.metadata_item("AREA_OR_POINT", "").is_some_and(|word| word == "Point");
     let unit = band.unit();
+    let description = format!("{} through GDAL", dataset.driver().long_name());
     let info = SourceInfo {
         width: side("the width of the raster", width, limits)?,
         height: side("the height of the raster", height, limits)?,
@@ -115,7 +119,9 @@ fn describe(dataset: &Dataset, limits: &Limits) -> Result<(SourceInfo, bool)> {
         band_offset: band.offset().unwrap_or(0.0),
         vertical_unit: metadata::vertical_unit(Some(&unit), vertical),
         geo: Geo { transform, pixel_is_point, crs },
-        description: format!("{} through GDAL", dataset.driver().long_name()),
+        parts: vec![Part { name: file_name(path), description: description.clone() }],
+        footprint: None,
+        description,
         block_rows: u32::try_from(band.block_size().1.clamp(1, height.max(1))).unwrap_or(1),
     };
     Ok((info, !flags.is_all_valid() && !flags.is_nodata()))

@@ -12,7 +12,7 @@ pub mod tiff;
 mod wkt;
 
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
 use serde::{Deserialize, Serialize};
@@ -30,6 +30,60 @@ pub fn open(path: &Path, limits: &Limits) -> Result<Box<dyn Source>> {
         Err(Error::Unsupported { .. }) => Ok(Box::new(gdal::GdalSource::open(path, limits)?)),
         Err(error) => Err(error),
     }
+}
+
+/// How files become one source.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct OpenOptions {
+    /// Value that means void in every file, instead of what it says itself.
+    pub nodata: Option<f64>,
+    /// Which sample counts where files overlap.
+    pub overlap: Overlap,
+}
+
+/// Which of several valid samples of one place counts. A void in one file never hides a valid sample of another.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Overlap {
+    /// That of the first file, in the order in which they were given.
+    First,
+    /// That of the last one, as in GDAL.
+    #[default]
+    Last,
+    /// The lowest.
+    Min,
+    /// The highest.
+    Max,
+    /// Their mean.
+    Mean,
+}
+
+/// Opens one or more files as one raster.
+pub fn open_all(paths: &[PathBuf], options: &OpenOptions, limits: &Limits) -> Result<Box<dyn Source>> {
+    let _ = options;
+    match paths {
+        [path] => open(path, limits),
+        [] => Err(Error::usage("there is no DEM to read")),
+        _ => Err(Error::unsupported("several DEMs", "build them one by one")),
+    }
+}
+
+/// A file that samples come from, as recorded in the container.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Part {
+    /// Name of the file, without its folder.
+    pub name: String,
+    /// One line for people: `GeoTIFF, tiles 256 x 256, LZW, predictor 2`.
+    pub description: String,
+}
+
+/// A rectangle of samples.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Rect {
+    /// Columns, from the west.
+    pub columns: Range<u32>,
+    /// Rows, from the north.
+    pub rows: Range<u32>,
 }
 
 /// What a raster is, known when it is opened.
@@ -53,6 +107,10 @@ pub struct SourceInfo {
     pub geo: Geo,
     /// One line for people: `GeoTIFF, tiles 256 x 256, LZW, predictor 2`.
     pub description: String,
+    /// The files that it is made of, in their order; a mosaic has several.
+    pub parts: Vec<Part>,
+    /// Where valid samples can be: all else is void, and need not be read. `None`: anywhere.
+    pub footprint: Option<Vec<Rect>>,
     /// Height in rows of the blocks that the file is made of (strip or tile height): reading whole ones is cheapest.
     pub block_rows: u32,
 }
@@ -210,13 +268,18 @@ pub struct FileStamp {
     pub modified_ns: u64,
 }
 
+/// Name of a file without its folder.
+pub fn file_name(path: &Path) -> String {
+    path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
 impl FileStamp {
     /// The stamp of a file.
     pub fn of(path: &Path) -> Result<Self> {
         let metadata = std::fs::metadata(path).map_err(|source| Error::io(path, "look at it", source))?;
         let modified = metadata.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
         Ok(Self {
-            name: path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
+            name: file_name(path),
             bytes: metadata.len(),
             modified_ns: modified.map_or(0, |age| age.as_nanos() as u64),
         })

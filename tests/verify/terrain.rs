@@ -55,6 +55,8 @@ fn info(width: u32, height: u32, sample_type: SampleType) -> SourceInfo {
         vertical_unit: (1.0, String::new()),
         geo: Geo::default(),
         description: "memory".into(),
+        parts: Vec::new(),
+        footprint: None,
         block_rows: 16,
     }
 }

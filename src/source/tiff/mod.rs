@@ -25,7 +25,7 @@ use self::blocks::Band;
 use self::directory::{GDAL_METADATA, Reader};
 use self::file::TiffFile;
 use self::layout::{Layout, Stored};
-use super::{FileStamp, Fingerprint, Samples, Source, SourceInfo, Window, metadata};
+use super::{FileStamp, Fingerprint, Part, Samples, Source, SourceInfo, Window, file_name, metadata};
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
@@ -59,7 +59,7 @@ impl TiffSource {
         let Stored::Number(kind) = layout.stored else {
             return Err(Error::unsupported("1-bit samples", "convert it with gdal_translate -ot Byte"));
         };
-        let info = describe(&mut reader, image, &layout, kind)?;
+        let info = describe(&mut reader, image, &layout, kind, path)?;
         let mask = match internal_mask(&mut reader, &directories, &layout, limits)? {
             Some(mask) => Some(Band::new(Arc::clone(&file), mask)),
             None => external_mask(path, &layout, limits)?,
@@ -113,6 +113,7 @@ fn describe(
     image: &Directory,
     layout: &Layout,
     kind: SampleType,
+    path: &Path,
 ) -> Result<SourceInfo> {
     let nodata = reader.text(image, Tag::GdalNodata)?.and_then(|text| metadata::nodata(&text, kind));
     let items = reader.text(image, GDAL_METADATA)?.map(|xml| metadata::items(&xml)).unwrap_or_default();
@@ -125,6 +126,7 @@ fn describe(
     // Rows of an uncompressed strip can be read one by one.
     let block_rows =
         if layout.is_direct() && !layout.tiled { 1 } else { layout.block_height.min(layout.height) };
+    let description = format!("{name}, {}", layout.describe());
     Ok(SourceInfo {
         width: layout.width,
         height: layout.height,
@@ -134,7 +136,9 @@ fn describe(
         band_offset: offset,
         vertical_unit: metadata::vertical_unit(items.unit.as_deref(), place.vertical_unit),
         geo: place.geo,
-        description: format!("{name}, {}", layout.describe()),
+        parts: vec![Part { name: file_name(path), description: description.clone() }],
+        footprint: None,
+        description,
         block_rows,
     })
 }
