@@ -9,6 +9,7 @@
 mod bytes;
 mod checkpoint;
 mod merge;
+mod occupied;
 pub mod plan;
 mod quarter;
 pub mod reach;

@@ -8,6 +8,7 @@ use crate::geo::Geo;
 use crate::limits::Limits;
 use crate::patch::TileGeometry;
 use crate::pipeline::BuildOptions;
+use crate::pipeline::occupied::Occupied;
 use crate::pipeline::reach::Extent;
 use crate::sample::{Coding, SampleType};
 use crate::source::SourceInfo;
@@ -37,6 +38,8 @@ pub struct Plan {
     pub metres_of_value: f64,
     /// Where the lattice lies.
     pub geo: Geo,
+    /// Which leaf tiles can hold samples.
+    pub occupied: Occupied,
     /// Threads asked for.
     pub jobs: usize,
     /// Bytes of a sample of the source.
@@ -69,12 +72,18 @@ pub fn plan(info: &SourceInfo, options: &BuildOptions) -> Result<Plan> {
     let mut recipe = Recipe::lossless(info);
     recipe.nodata = options.nodata.or(info.nodata);
     let metres_of_value = info.band_scale.abs() * info.vertical_unit.0;
+    let levels = leaf_level(info.width, info.height, options.tile);
+    let all = Extent {
+        columns: 0..tiles_along(info.width, options.tile.into(), 1 << levels),
+        rows: 0..tiles_along(info.height, options.tile.into(), 1 << levels),
+    };
     Ok(Plan {
         width: info.width,
         height: info.height,
         tile: options.tile as usize,
         patch: options.patch as usize,
-        levels: leaf_level(info.width, info.height, options.tile),
+        levels,
+        occupied: Occupied::new(info.footprint.as_deref(), options.tile, &all),
         metric: options.metric,
         recipe,
         quantisation_error_m: options.precision_m.map_or(0.0, |p| p / 2.0),
@@ -87,6 +96,12 @@ pub fn plan(info: &SourceInfo, options: &BuildOptions) -> Result<Plan> {
     })
 }
 
+/// Tiles along an axis of so many samples. A tile is closed: one more that starts exactly at the last sample exists too, inside the root
+/// square, which is `most` tiles wide.
+fn tiles_along(samples: u32, span: u64, most: u32) -> u32 {
+    ((u64::from(samples) - 1) / span + 1).min(most.into()) as u32
+}
+
 fn check_power(option: &str, value: u32, low: u32, high: u32) -> Result<()> {
     if value.is_power_of_two() && (low..=high).contains(&value) {
         return Ok(());
@@ -97,26 +112,22 @@ fn check_power(option: &str, value: u32, low: u32, high: u32) -> Result<()> {
 impl Plan {
     /// Tile columns of a level that can hold samples.
     pub fn columns_of_tiles(&self, level: u8) -> u32 {
-        self.tiles_along(self.width, level)
+        tiles_along(self.width, self.span(level), 1 << level)
     }
 
     /// Tile rows of a level that can hold samples.
     pub fn rows_of_tiles(&self, level: u8) -> u32 {
-        self.tiles_along(self.height, level)
+        tiles_along(self.height, self.span(level), 1 << level)
     }
 
-    /// A tile is closed: one more that starts exactly at the last sample exists too, inside the root square.
-    fn tiles_along(&self, samples: u32, level: u8) -> u32 {
-        let span = (self.tile as u64) << (self.levels - level);
-        let count = (u64::from(samples) - 1) / span + 1;
-        count.min(1 << level) as u32
+    /// Samples of the raster along the side of a tile.
+    fn span(&self, level: u8) -> u64 {
+        (self.tile as u64) << (self.levels - level)
     }
 
     /// Most tiles that a level, and the file, can have.
     pub fn most_tiles(&self) -> Vec<u64> {
-        (0..=self.levels)
-            .map(|level| u64::from(self.columns_of_tiles(level)) * u64::from(self.rows_of_tiles(level)))
-            .collect()
+        (0..=self.levels).map(|level| self.occupied.count(self.levels - level)).collect()
     }
 
     /// What the errors of a tile depend on.
@@ -188,9 +199,8 @@ impl Plan {
 
     /// Bytes of memory that the build takes at most.
     pub fn memory_estimate(&self, options: &BuildOptions) -> Result<u64> {
-        let widest = |strips: Vec<Extent>| strips.iter().map(|strip| strip.columns.len() as u64).max();
-        let columns = widest(self.strips(options.memory)?).unwrap_or(0);
-        Ok(self.memory(columns))
+        let strips = self.strips(options.memory)?;
+        Ok(strips.iter().map(|strip| self.memory(&strip.columns)).max().unwrap_or(0))
     }
 
     /// Bytes that the finished file will have, roughly: from a bits-per-sample figure of real terrain (4.5 for 16-bit integers, 16 for
@@ -203,8 +213,10 @@ impl Plan {
             (SampleType::Float32, _) => 16.0,
             (SampleType::Float64, _) => 45.0,
         };
-        (f64::from(self.width) * f64::from(self.height) * bits / 8.0) as u64
-            + self.most_tiles().iter().sum::<u64>() * 300
-            + 4096
+        let tiles = self.most_tiles();
+        let leaves = tiles.last().map_or(0.0, |&leaves| leaves as f64);
+        let samples =
+            (leaves * (self.tile * self.tile) as f64).min(f64::from(self.width) * f64::from(self.height));
+        (samples * bits / 8.0) as u64 + tiles.iter().sum::<u64>() * 300 + 4096
     }
 }

@@ -96,7 +96,7 @@ impl Begun {
         } else {
             state.largest = match largest {
                 Some(largest) => largest,
-                None => self::largest(source, options, observer)?,
+                None => self::largest(source, options, observer, plan)?,
             };
         }
         plan.recipe = recipe(source.info(), options, state.largest)?;
@@ -140,22 +140,23 @@ impl Begun {
 }
 
 /// The largest height, which quantising needs first: one more pass over the source.
-fn largest(source: &dyn Source, options: &BuildOptions, observer: &dyn Observer) -> Result<f64> {
+fn largest(source: &dyn Source, options: &BuildOptions, observer: &dyn Observer, plan: &Plan) -> Result<f64> {
     let info = source.info();
     let nodata = options.nodata.or(info.nodata);
     let mut largest = 0.0_f64;
     if options.precision_m.is_none() {
         return Ok(largest);
     }
-    let mut row = 0;
-    while row < info.height {
+    for y in 0..plan.rows_of_tiles(plan.levels) {
         if observer.cancelled() {
             return Err(Error::Interrupted);
         }
-        let end = (row + options.tile).min(info.height);
-        largest = largest.max(max_magnitude(&source.read_rows(row..end)?, nodata));
-        row = end;
-        observer.rows(Stage::Scan, u64::from(row), u64::from(info.height));
+        for run in plan.occupied.runs(y, &(0..u32::MAX)) {
+            let (columns, rows) =
+                (plan.samples_of(&run, info.width), plan.samples_of(&(y..y + 1), info.height));
+            largest = largest.max(max_magnitude(&source.read_window(columns, rows)?, nodata));
+        }
+        observer.rows(Stage::Scan, plan.sample_rows(y), u64::from(info.height));
     }
     Ok(largest)
 }
@@ -278,22 +279,22 @@ impl Bands<'_> {
         let (plan, info) = (self.plan, self.source.info());
         let columns = self.window.columns.start.saturating_sub(1)
             ..(self.window.columns.end + 1).min(plan.columns_of_tiles(plan.levels));
-        let samples = plan.samples_of(&columns, info.width);
-        let window = self.source.read_window(samples.clone(), plan.samples_of(&(y..y + 1), info.height))?;
+        let rows = plan.samples_of(&(y..y + 1), info.height);
         let own = |x: u32| y >= first && self.window.contains(x, y);
-        let slots = columns
-            .clone()
-            .into_par_iter()
-            .map(|x| {
-                let local = (x - columns.start) as usize;
-                let Some(lattice) = split::leaf(&window, samples.len(), local, plan.tile, &plan.recipe)
-                else {
-                    return Slot::Empty;
-                };
-                if own(x) { Slot::Work(Box::new(Work::leaf(lattice))) } else { Slot::Seen(lattice) }
-            })
-            .collect();
-        Ok(TileRow { y, first: columns.start, slots })
+        let mut slots = Vec::new();
+        for run in plan.occupied.runs(y, &columns) {
+            let samples = plan.samples_of(&run, info.width);
+            let window = self.source.read_window(samples.clone(), rows.clone())?;
+            slots.par_extend(run.clone().into_par_iter().filter_map(|x| {
+                let local = (x - run.start) as usize;
+                let lattice = split::leaf(&window, samples.len(), local, plan.tile, &plan.recipe)?;
+                Some((
+                    x,
+                    if own(x) { Slot::Work(Box::new(Work::leaf(lattice))) } else { Slot::Seen(lattice) },
+                ))
+            }));
+        }
+        Ok(TileRow { y, slots })
     }
 }
 

@@ -3,6 +3,7 @@
 //! Memory grows with the width of what is worked on at once. The strips lie as pieces in the work folder of the output; one that is
 //! finished is not built again when the build is resumed, and one that is not goes on from its own checkpoint.
 
+use std::ops::Range;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -15,8 +16,8 @@ use crate::source::Source;
 
 /// Bytes that the program takes before it has read a sample.
 const PROGRAM: u64 = 24 << 20;
-/// Columns of tiles beside a strip that are read with it.
-const HALO: u64 = 2;
+/// Columns of tiles on either side of a strip that are read with it.
+const HALO: u32 = 1;
 
 /// Builds the strips that are not there yet, and joins them.
 pub fn build(
@@ -76,26 +77,39 @@ impl Plan {
     pub fn strips(&self, limit: Option<u64>) -> Result<Vec<Extent>> {
         let all = Extent::of_level(self, self.levels);
         let columns = u64::from(all.columns.end);
-        let Some(limit) = limit.filter(|&limit| self.memory(columns) > limit) else { return Ok(vec![all]) };
-        let fits = |count: &u64| self.memory(columns.div_ceil(*count) + HALO) <= limit;
-        let Some(count) = (2..=columns).find(fits) else {
+        let Some(limit) = limit.filter(|&limit| self.memory(&all.columns) > limit) else {
+            return Ok(vec![all]);
+        };
+        let most = |strips: &[Range<u32>]| strips.iter().map(|strip| self.memory_beside(strip)).max();
+        let strips = |count: u64| -> Vec<Range<u32>> {
+            let column = |i: u64| (columns * i / count) as u32;
+            (0..count).map(|i| column(i)..column(i + 1)).collect()
+        };
+        let narrowest = most(&strips(columns)).unwrap_or(0);
+        if narrowest > limit {
             return Err(Error::usage(format!(
                 "--memory: a strip of tiles of {} x {} takes about {} MiB on {} threads; allow more, or use smaller tiles or \
                  fewer threads",
                 self.tile,
                 self.tile,
-                self.memory(1 + HALO).div_ceil(1 << 20),
+                narrowest.div_ceil(1 << 20),
                 self.jobs
             )));
-        };
-        let column = |i: u64| (columns * i / count) as u32;
-        Ok((0..count).map(|i| Extent { columns: column(i)..column(i + 1), rows: all.rows.clone() }).collect())
+        }
+        let fitting = (2..=columns).map(strips).find(|strips| most(strips) <= Some(limit));
+        let strips = fitting.unwrap_or_default();
+        Ok(strips.into_iter().map(|columns| Extent { columns, rows: all.rows.clone() }).collect())
+    }
+
+    /// [`Plan::memory`] of a strip, with the columns beside it that are read with it.
+    fn memory_beside(&self, strip: &Range<u32>) -> u64 {
+        self.memory(&(strip.start.saturating_sub(HALO)..strip.end + HALO))
     }
 
     /// Fails if a build that was begun in these strips (none: in one go) takes more than `limit`.
     pub fn check_limit(&self, strips: &[Extent], limit: Option<u64>) -> Result<()> {
-        let widest = strips.iter().map(|strip| strip.columns.len() as u64 + HALO).max();
-        let needed = self.memory(widest.unwrap_or_else(|| self.columns_of_tiles(self.levels).into()));
+        let needed = strips.iter().map(|strip| self.memory_beside(&strip.columns)).max();
+        let needed = needed.unwrap_or_else(|| self.memory(&Extent::of_level(self, self.levels).columns));
         if limit.is_none_or(|limit| needed <= limit) {
             return Ok(());
         }
@@ -105,21 +119,21 @@ impl Plan {
         )))
     }
 
-    /// Bytes of memory that a sweep over this many columns of leaf tiles takes at most.
+    /// Bytes of memory that a sweep over these columns of leaf tiles takes at most: what counts is the row with the most tiles.
     ///
     /// With lattices of `S = (T + 1)^2 s` bytes (s = 5, or 9 for float64), blocks of `B = 9 T^2`, and quarters a fourth of both: the leaf
     /// level has four rows of lattices (north, current, the next, and one that is being read), the raw samples of one band and two
-    /// rows of quarters; every level above, half as wide as the one below, has three rows of lattices, two with blocks,
-    /// and two rows of quarters. Each thread has its buffers, and the program itself takes some. `BENCHMARKS.md` holds it against
+    /// rows of quarters; every level above has three rows of lattices, two with blocks, and two rows of quarters. Each thread has its buffers, and the program itself takes some. `BENCHMARKS.md` holds it against
     /// measured peaks.
-    pub fn memory(&self, columns: u64) -> u64 {
+    pub fn memory(&self, columns: &Range<u32>) -> u64 {
         let samples = ((self.tile + 1) * (self.tile + 1)) as u64;
         let lattice = samples * if self.recipe.coding.has_low() { 9 } else { 5 };
         let blocks = (self.tile * self.tile) as u64 * 9;
         let quarters = (lattice + blocks) / 2;
-        let mut total = columns * (4 * lattice + samples * self.sample_bytes as u64 + quarters);
-        for level in 0..u32::from(self.levels) {
-            total += (columns.div_ceil(2 << level) + 1) * (3 * lattice + 2 * blocks + quarters);
+        let leaves = self.occupied.widest(0, columns);
+        let mut total = leaves * (4 * lattice + samples * self.sample_bytes as u64 + quarters);
+        for up in 1..=self.levels {
+            total += self.occupied.widest(up, columns) * (3 * lattice + 2 * blocks + quarters);
         }
         total + self.jobs as u64 * samples * 64 + PROGRAM
     }

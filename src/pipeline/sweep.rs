@@ -2,7 +2,10 @@
 //!
 //! A row is worked on when the row below it is known, since fills look at all eight neighbours. At each level a window of
 //! three rows is kept, and one row of quarters that waits for its partner. Tiles at the seams of the sweep's window, which it cannot
-//! finish, are left in the seam file; what other builds have left is put in its place as its row comes by.
+//! finish, are left in the seam file; what other builds have left is put in its place as its row comes by. A row holds the tiles that
+//! there are and nothing for the others: work and memory follow the tiles, however large the raster is.
+
+use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
@@ -21,8 +24,6 @@ use crate::tile::fill::{self, Fill, Neighbourhood};
 
 /// A tile's place in a row.
 pub enum Slot {
-    /// There is no tile, or nobody needs it.
-    Empty,
     /// To be finished; afterwards its lattice is still looked at.
     Work(Box<Work>),
     /// Finished elsewhere, or outside the window: only looked at.
@@ -30,11 +31,10 @@ pub enum Slot {
 }
 
 impl Slot {
-    fn lattice(&self) -> Option<&Lattice> {
+    fn lattice(&self) -> &Lattice {
         match self {
-            Self::Empty => None,
-            Self::Work(work) => Some(&work.lattice),
-            Self::Seen(lattice) => Some(lattice),
+            Self::Work(work) => &work.lattice,
+            Self::Seen(lattice) => lattice,
         }
     }
 }
@@ -43,28 +43,25 @@ impl Slot {
 pub struct TileRow {
     /// The row.
     pub y: u32,
-    /// Column of the first slot.
-    pub first: u32,
-    /// From west to east.
-    pub slots: Vec<Slot>,
+    /// The tiles that there are by their column, from west to east.
+    pub slots: Vec<(u32, Slot)>,
 }
 
 impl TileRow {
-    fn lattice(&self, x: u32) -> Option<&Lattice> {
-        self.slots.get(x.checked_sub(self.first)? as usize)?.lattice()
+    fn slot(&self, x: u32) -> Option<&Slot> {
+        let index = self.slots.binary_search_by_key(&x, |(x, _)| *x).ok()?;
+        self.slots.get(index).map(|(_, slot)| slot)
     }
 
     /// The row without the tiles that nobody in the row to the south will look at: only fills look, and only voids are filled.
     fn needed_by(mut self, south: &Self) -> Self {
         let has_void = |slot: &Slot| matches!(slot, Slot::Work(work) if work.lattice.state.contains(&VOID));
-        let looks: Vec<bool> = south.slots.iter().map(has_void).collect();
-        let looked_at = |x: u32| {
-            let around = x.saturating_sub(1)..=x + 1;
-            around.filter_map(|x| looks.get(x.checked_sub(south.first)? as usize)).any(|&looks| looks)
-        };
-        for (_, slot) in (self.first..).zip(&mut self.slots).filter(|(x, _)| !looked_at(*x)) {
-            *slot = Slot::Empty;
-        }
+        let looking: Vec<u32> =
+            south.slots.iter().filter(|(_, slot)| has_void(slot)).map(|(x, _)| *x).collect();
+        self.slots.retain(|(x, _)| {
+            let next = looking.partition_point(|looking| looking + 1 < *x);
+            looking.get(next).is_some_and(|looking| *looking <= x + 1)
+        });
         self
     }
 
@@ -76,14 +73,14 @@ impl TileRow {
         rims: &mut Vec<Item<'a>>,
         quarters: &mut Vec<(TileId, Quarter)>,
     ) {
-        for (x, slot) in (self.first..).zip(&self.slots).filter(|(x, _)| wanted(*x)) {
-            let id = TileId::new(level, x, self.y);
+        for (x, slot) in self.slots.iter().filter(|(x, _)| wanted(*x)) {
+            let id = TileId::new(level, *x, self.y);
             let before = quarters.len();
             if let Slot::Work(work) = slot {
                 quarters.extend(work.quarters().into_iter().map(|(q, quarter)| (id.child(q), quarter)));
             }
-            if let Some(lattice) = slot.lattice().filter(|_| quarters.len() == before) {
-                rims.push(Item::Rim(id, lattice));
+            if quarters.len() == before {
+                rims.push(Item::Rim(id, slot.lattice()));
             }
         }
     }
@@ -223,14 +220,14 @@ impl<'a> Sweep<'a> {
         let columns = self.reach.finished(level).columns.clone();
         let north = self.levels[usize::from(level)].north.as_ref();
         let fills = plan.fills(level, north, row, south, &columns);
-        let finished: Vec<Option<Result<Finished>>> = (row.first..row.first + row.slots.len() as u32)
-            .into_par_iter()
-            .zip(&mut row.slots)
+        let finished: Vec<Option<Result<Finished>>> = row
+            .slots
+            .par_iter_mut()
             .zip(fills)
             .map_init(Scratch::default, |scratch, ((x, slot), fills)| match slot {
-                Slot::Work(work) if columns.contains(&x) => {
+                Slot::Work(work) if columns.contains(x) => {
                     fill::apply(&mut work.lattice, &fills);
-                    Some(work.finish(TileId::new(level, x, y), plan, scratch))
+                    Some(work.finish(TileId::new(level, *x, y), plan, scratch))
                 }
                 _ => None,
             })
@@ -282,14 +279,12 @@ impl<'a> Sweep<'a> {
         }
         let (plan, above, y) = (self.plan, level - 1, y / 2);
         let assembled = self.reach.assembled(above).clone();
-        let mut quads: Vec<[Option<Quarter>; 4]> = Vec::new();
-        quads.resize_with(assembled.columns.len(), Default::default);
+        let mut quads: BTreeMap<u32, [Option<Quarter>; 4]> = BTreeMap::new();
         let mut left = Vec::new();
         for (half, row) in [north, south].into_iter().enumerate() {
             for (x, quarter) in row {
                 if assembled.contains(x / 2, y) {
-                    quads[(x / 2 - assembled.columns.start) as usize][2 * half + x as usize % 2] =
-                        Some(quarter);
+                    quads.entry(x / 2).or_default()[2 * half + x as usize % 2] = Some(quarter);
                 } else {
                     left.push((TileId::new(level, x, 2 * y + half as u32), quarter));
                 }
@@ -300,15 +295,18 @@ impl<'a> Sweep<'a> {
         if !assembled.rows.contains(&y) {
             return Ok(());
         }
-        let parent = |quad| Work::parent(quad, plan).map_or(Slot::Empty, |work| Slot::Work(Box::new(work)));
-        let mut slots: Vec<Slot> = quads.into_par_iter().map(parent).collect();
+        let parent = |(x, quad)| Some((x, Slot::Work(Box::new(Work::parent(quad, plan)?))));
+        let quads: Vec<_> = quads.into_iter().collect();
+        let mut slots: Vec<(u32, Slot)> = quads.into_par_iter().filter_map(parent).collect();
+        let made = slots.len();
         for (x, rim) in self.earlier.take_rims(above, y, plan)? {
-            let slot = x.checked_sub(assembled.columns.start).and_then(|i| slots.get_mut(i as usize));
-            if let Some(slot @ Slot::Empty) = slot {
-                *slot = Slot::Seen(rim);
+            let is_made = slots[..made].binary_search_by_key(&x, |(x, _)| *x).is_ok();
+            if assembled.columns.contains(&x) && !is_made {
+                slots.push((x, Slot::Seen(rim)));
             }
         }
-        self.push_at(above, TileRow { y, first: assembled.columns.start, slots })
+        slots.sort_unstable_by_key(|(x, _)| *x);
+        self.push_at(above, TileRow { y, slots })
     }
 }
 
@@ -327,15 +325,15 @@ impl Plan {
         let north = north.filter(|north| north.y.checked_add(1) == Some(row.y));
         let south = south.filter(|south| row.y.checked_add(1) == Some(south.y));
         let rows = [north, Some(row), south];
-        (row.first..row.first + row.slots.len() as u32)
-            .into_par_iter()
-            .zip(&row.slots)
+        row.slots
+            .par_iter()
             .map(|(x, slot)| {
-                if !columns.contains(&x) || !matches!(slot, Slot::Work(_)) {
+                if !columns.contains(x) || !matches!(slot, Slot::Work(_)) {
                     return Vec::new();
                 }
-                let around =
-                    rows.map(|row| [x.checked_sub(1), Some(x), x.checked_add(1)].map(|x| row?.lattice(x?)));
+                let around = rows.map(|row| {
+                    [x.checked_sub(1), Some(*x), x.checked_add(1)].map(|x| row?.slot(x?).map(Slot::lattice))
+                });
                 Neighbourhood(around).fills(from, self.tile)
             })
             .collect()
