@@ -233,7 +233,10 @@ fn source_line(dem: &Dem, info: &SourceInfo) -> String {
 /// Says what was made.
 pub fn print(report: &Report, output: &Path, out: &mut dyn Write) -> std::io::Result<()> {
     let header = &report.header;
-    let samples = f64::from(header.width) * f64::from(header.height);
+    // A sparse raster is as large as its tiles.
+    let leaves = report.statistics.levels.last().map_or(0, |level| level.tiles) as f64;
+    let side = f64::from(header.tile());
+    let samples = (f64::from(header.width) * f64::from(header.height)).min(leaves * side * side);
     let length = report.file.file_bytes;
     writeln!(
         out,

@@ -1,12 +1,14 @@
 //! Every sample of the source against what a reader decodes.
 
+use std::ops::Range;
+
 use super::report::{Check, Place};
 use super::{VerifyOptions, Watch, tell};
 use crate::container::layout::Header;
 use crate::container::reader::Reader;
 use crate::error::Result;
 use crate::sample::{Lattice, SampleType, VALID};
-use crate::source::Source;
+use crate::source::{Rect, Source};
 use crate::tile::TileId;
 
 /// What the header says, then the samples, a row of leaf tiles at a time.
@@ -25,15 +27,49 @@ pub(super) fn check(
     }
     let rule = Rule::of(header, info.sample_type);
     let tile = u64::from(header.tile());
+    let footprint = info.footprint.as_deref();
     let mut row = 0;
     while row < header.height {
         let south = (u64::from(row) + tile).min(u64::from(header.height)) as u32;
-        let band = Band::decode(reader, row, south, &mut samples)?;
-        band.compare(source, &rule, &mut samples)?;
+        // The last row of the raster may be the lower border of the last row of tiles.
+        let y = (row / header.tile()).min((1 << header.levels) - 1);
+        // Tiles that the index does not lead to are missing, and found so.
+        let tiles = samples.take(reader.row(header.levels, y), Place::default())?.unwrap_or_default();
+        for columns in to_compare(header, &tiles, footprint, &(row..south)) {
+            let band = Band::decode(reader, &columns, (row..south, y), &tiles, &mut samples)?;
+            band.compare(source, &rule, &mut samples)?;
+        }
         row = south;
         tell(progress, "source", row.into(), header.height.into())?;
     }
     Ok(vec![about, samples])
+}
+
+/// Columns of samples of some rows where there are tiles, or where the source may have samples: ascending, apart. All else is void on
+/// both sides.
+fn to_compare(
+    header: &Header,
+    tiles: &[u32],
+    footprint: Option<&[Rect]>,
+    rows: &Range<u32>,
+) -> Vec<Range<u32>> {
+    let Some(footprint) = footprint else { return std::iter::once(0..header.width).collect() };
+    let of_tile = |&x: &u32| {
+        let west = u64::from(x) * u64::from(header.tile());
+        west as u32..(west + u64::from(header.tile()) + 1).min(header.width.into()) as u32
+    };
+    let meets = |rect: &&Rect| rect.rows.start < rows.end && rows.start < rect.rows.end;
+    let of_source = footprint.iter().filter(meets).map(|rect| rect.columns.clone());
+    let mut all: Vec<Range<u32>> = tiles.iter().map(of_tile).chain(of_source).collect();
+    all.sort_unstable_by_key(|range| range.start);
+    let mut apart: Vec<Range<u32>> = Vec::new();
+    for range in all {
+        match apart.last_mut() {
+            Some(last) if range.start <= last.end => last.end = last.end.max(range.end),
+            _ => apart.push(range),
+        }
+    }
+    apart
 }
 
 /// Size, type, georeference and units.
@@ -105,29 +141,34 @@ impl Rule {
 struct Band {
     north: u32,
     south: u32,
+    west: u32,
     width: usize,
     /// `None` where void.
     value: Vec<Option<f64>>,
 }
 
 impl Band {
-    /// Puts the leaves of the rows `north..south` together. Where no tile is, all is void.
-    fn decode(reader: &Reader, north: u32, south: u32, check: &mut Check) -> Result<Self> {
+    /// Puts those of the leaves `tiles` of tile row `y` together that meet `columns`. Where no tile is, all is void.
+    fn decode(
+        reader: &Reader,
+        columns: &Range<u32>,
+        (rows, y): (Range<u32>, u32),
+        tiles: &[u32],
+        check: &mut Check,
+    ) -> Result<Self> {
         use rayon::prelude::*;
         let header = reader.header();
-        let width = header.width as usize;
-        let rows = (south - north) as usize;
-        let mut band = Self { north, south, width, value: vec![None; width * rows] };
-        let columns = (header.width - 1) / header.tile() + 1;
-        let columns = u64::from(columns).min(1 << header.levels) as u32;
-        // The last row of the raster may be the lower border of the last row of tiles.
-        let y = (north / header.tile()).min((1 << header.levels) - 1);
-        let ids: Vec<_> = (0..columns).map(|x| TileId::new(header.levels, x, y)).collect();
+        let (north, south, west, width) = (rows.start, rows.end, columns.start, columns.len());
+        let mut band = Self { north, south, west, width, value: vec![None; width * rows.len()] };
+        let meets = |x: &&u32| {
+            let left = u64::from(**x) * u64::from(header.tile());
+            left < u64::from(columns.end) && u64::from(columns.start) <= left + u64::from(header.tile())
+        };
+        let ids: Vec<_> = tiles.iter().filter(meets).map(|&x| TileId::new(header.levels, x, y)).collect();
         for ids in ids.chunks(64) {
-            let tiles: Vec<_> = ids.par_iter().map(|&id| (id, leaf_of(reader, id))).collect();
+            let tiles: Vec<_> = ids.par_iter().map(|&id| (id, reader.read_tile(id))).collect();
             for (id, tile) in tiles {
-                let Some(tile) = check.take(tile, Place::tile(id))? else { continue };
-                if let Some(lattice) = tile {
+                if let Some(lattice) = check.take(tile, Place::tile(id))? {
                     band.place(header, id, &lattice);
                 }
             }
@@ -137,10 +178,13 @@ impl Band {
 
     fn place(&mut self, header: &Header, id: TileId, lattice: &Lattice) {
         let (left, top) = header.origin(id);
-        let (left, columns) = (left as usize, (lattice.n + 1).min(self.width - left as usize));
+        // Columns of the raster that both have.
+        let start = left.max(self.west.into());
+        let end = (left + lattice.n as u64 + 1).min(u64::from(self.west) + self.width as u64);
+        let columns = end.saturating_sub(start) as usize;
         for row in self.north..self.south {
-            let from = lattice.at(0, (u64::from(row) - top) as usize);
-            let to = (row - self.north) as usize * self.width + left;
+            let from = lattice.at((start - left) as usize, (u64::from(row) - top) as usize);
+            let to = (row - self.north) as usize * self.width + (start - u64::from(self.west)) as usize;
             for (at, value) in (from..from + columns).zip(&mut self.value[to..to + columns]) {
                 if lattice.state[at] == VALID {
                     *value = Some(header.coding.value(lattice.code[at], lattice.low_at(at)));
@@ -150,7 +194,8 @@ impl Band {
     }
 
     fn compare(&self, source: &dyn Source, rule: &Rule, check: &mut Check) -> Result<()> {
-        let window = source.read_rows(self.north..self.south)?;
+        let columns = self.west..self.west + self.width as u32;
+        let window = source.read_window(columns, self.north..self.south)?;
         check.looked_at += self.value.len() as u64;
         for (at, &decoded) in self.value.iter().enumerate() {
             let value = window.samples.value(at);
@@ -166,19 +211,13 @@ impl Band {
             if !good {
                 let word =
                     |value: Option<f64>| value.map_or_else(|| "void".to_owned(), |value| value.to_string());
-                let (column, row) =
-                    ((at % self.width) as u64, u64::from(self.north) + (at / self.width) as u64);
+                let (column, row) = (
+                    u64::from(self.west) + (at % self.width) as u64,
+                    u64::from(self.north) + (at / self.width) as u64,
+                );
                 check.fail(Place::default().sample(column, row), word(original), word(decoded));
             }
         }
         Ok(())
     }
-}
-
-/// The samples of a tile of the finest level; `None` if it does not exist.
-fn leaf_of(reader: &Reader, id: TileId) -> Result<Option<std::sync::Arc<Lattice>>> {
-    if reader.entry(id)?.is_none() {
-        return Ok(None);
-    }
-    reader.read_tile(id).map(Some)
 }

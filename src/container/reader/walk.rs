@@ -38,6 +38,39 @@ impl Reader {
         Ok(ids)
     }
 
+    /// Columns of the existing tiles of one row of a level, from west to east: only what leads there is read.
+    pub fn row(&self, level: u8, y: u32) -> Result<Vec<u32>> {
+        let mut columns = Vec::new();
+        self.row_from(TileId::ROOT, &self.root, (level, y), &mut columns)?;
+        columns.sort_unstable();
+        Ok(columns)
+    }
+
+    fn row_from(
+        &self,
+        id: TileId,
+        page: &Loaded,
+        (level, y): (u8, u32),
+        columns: &mut Vec<u32>,
+    ) -> Result<()> {
+        let loaded;
+        let (page, found) = match page.page.find(id) {
+            Found::Below(root, place) => {
+                loaded = self.page(root, place, page.offset)?;
+                (&*loaded, loaded.page.find(id))
+            }
+            found => (page, found),
+        };
+        let Found::Tile(entry) = found else { return Ok(()) };
+        if id.level == level {
+            columns.push(id.x);
+            return self.check_counts(columns.len() as u64, 0, false);
+        }
+        let leads_there = |child: &TileId| y >> (level - child.level) == child.y;
+        let children: Vec<_> = entry.child_ids().filter(leads_there).collect();
+        children.into_iter().try_for_each(|child| self.row_from(child, page, (level, y), columns))
+    }
+
     /// The tiles without children, along the Hilbert curve.
     pub fn leaves(&self) -> Result<Vec<TileId>> {
         let mut ids = Vec::new();
