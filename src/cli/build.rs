@@ -15,7 +15,7 @@ use serde_json::json;
 use crate::cli::dem::{Dem, SourceArgs};
 use crate::cli::progress::{Mode, Show};
 use crate::cli::table::{bytes, grouped, seconds, short};
-use crate::cli::{Failure, Outcome, verify};
+use crate::cli::{Failure, Outcome, each, inputs, verify};
 
 /// Make a .rlv file from a DEM
 #[derive(clap::Args)]
@@ -26,6 +26,9 @@ pub struct Args {
     /// The file to make [default: the (first) DEM's name with .rlv, in the current folder]
     #[arg(short, long, value_name = "OUT.rlv")]
     output: Option<PathBuf>,
+    /// Every DEM to a file of its own in this folder; --resume passes over what is done and unchanged
+    #[arg(long, value_name = "OUTDIR", conflicts_with_all = ["output", "window", "dry_run"])]
+    each: Option<PathBuf>,
     /// Intervals of a tile: a power of two, 16 to 1024
     #[arg(long, default_value_t = 256, value_name = "N")]
     tile: u32,
@@ -39,7 +42,7 @@ pub struct Args {
     #[arg(long, value_name = "M")]
     precision: Option<f64>,
     #[command(flatten)]
-    source: SourceArgs,
+    pub(super) source: SourceArgs,
     /// Threads [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
@@ -63,18 +66,18 @@ pub struct Args {
     dry_run: bool,
     /// Then check the file: checksums, structure, invariants, and every sample against the DEM
     #[arg(long, conflicts_with = "json")]
-    verify: bool,
+    pub(super) verify: bool,
     /// How to show progress
     #[arg(long, value_enum, default_value = "auto")]
-    progress: Mode,
+    pub(super) progress: Mode,
     /// The report (or the plan) as JSON
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
 }
 
 /// Builds, or plans.
 pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let output = output(args)?;
+    let dem = Dem { dems: inputs::expand(&args.dem.dems)? };
     let options = BuildOptions {
         tile: args.tile,
         patch: args.patch,
@@ -87,51 +90,64 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         memory: args.memory,
         checkpoint: Some(Duration::from_secs_f64(args.checkpoint)),
     };
-    let source = args.source.open(&args.dem.dems)?;
+    if let Some(folder) = &args.each {
+        return each::run(args, &dem.dems, folder, &options, out);
+    }
+    let output = output(args, &dem)?;
+    let source = args.source.open(&dem.dems)?;
     let plan = pipeline::plan(source.info(), &options)?;
     if args.dry_run {
-        return dry_run(args, (source.info(), &options), &plan, &output, out);
+        return dry_run((args, &dem), (source.info(), &options), &plan, &output, out);
     }
     let show = Show::new(args.progress);
     if let Some(window) = &args.window {
         let done = pipeline::build_window(&*source, &output, window, &options, &show);
         show.finish();
-        done.map_err(|error| failure(error, args.dem.first(), &output))?;
+        done.map_err(|error| failure(error, dem.first(), &output))?;
         writeln!(out, "{}: tiles {window}, to be joined by `relevo merge`", output.display())?;
         return Ok(ExitCode::SUCCESS);
     }
     let report = pipeline::build(&*source, &output, &options, &show);
     show.finish();
-    let report = report.map_err(|error| failure(error, args.dem.first(), &output))?;
+    let report = report.map_err(|error| failure(error, dem.first(), &output))?;
     if args.json {
         serde_json::to_writer_pretty(&mut *out, &json(&report, &output)).map_err(std::io::Error::from)?;
         writeln!(out)?;
     } else {
-        writeln!(out, "{}", source_line(&args.dem, source.info()))?;
+        writeln!(out, "{}", source_line(&dem, source.info()))?;
         print(&report, &output, out)?;
     }
     if args.verify {
         writeln!(out)?;
-        return verify::run(&verify::Args::after_build(output, &args.dem, &args.source), out);
+        return verify::run(&verify::Args::after_build(output, &dem, &args.source), out);
     }
     Ok(ExitCode::SUCCESS)
 }
 
 /// Where to write: never over the DEM itself.
-fn output(args: &Args) -> Result<PathBuf, Error> {
+fn output(args: &Args, dem: &Dem) -> Result<PathBuf, Error> {
     let output = match &args.output {
         Some(path) => path.clone(),
-        None => PathBuf::from(args.dem.first().file_name().unwrap_or_default()).with_extension("rlv"),
+        None => output_name(dem.first())?,
     };
     let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
-    if args.dem.dems.iter().any(|dem| same(&output, dem)) {
+    if dem.dems.iter().any(|dem| same(&output, dem)) {
         return Err(Error::usage(format!("{}: input and output are the same file", output.display())));
     }
     Ok(output)
 }
 
+/// Name of the file that is made of a DEM unless told otherwise.
+pub fn output_name(dem: &Path) -> Result<PathBuf, Error> {
+    let name = dem
+        .file_name()
+        .map(PathBuf::from)
+        .ok_or_else(|| Error::usage(format!("{}: expected the name of a file", dem.display())))?;
+    Ok(name.with_extension("rlv"))
+}
+
 /// Errors without a path came from the raster. Where a state was left, the message says so.
-fn failure(error: Error, dem: &Path, output: &Path) -> Failure {
+pub fn failure(error: Error, dem: &Path, output: &Path) -> Failure {
     let error = error.at(dem);
     let mut folder = output.as_os_str().to_owned();
     folder.push(".work");
@@ -177,7 +193,7 @@ fn interval(text: &str) -> Result<f64, String> {
 }
 
 fn dry_run(
-    args: &Args,
+    (args, dem): (&Args, &Dem),
     (info, options): (&SourceInfo, &BuildOptions),
     plan: &Plan,
     output: &Path,
@@ -187,7 +203,7 @@ fn dry_run(
     let disk = plan.disk_estimate(info.sample_type);
     if args.json {
         let plan = json!({
-            "source": args.dem.dems, "output": output, "description": info.description,
+            "source": dem.dems, "output": output, "description": info.description,
             "columns": plan.width, "rows": plan.height, "sample_type": info.sample_type,
             "levels": plan.levels + 1, "most_tiles": tiles.iter().sum::<u64>(), "most_tiles_by_level": tiles,
             "memory_bytes": memory, "disk_bytes": disk, "work_folder_bytes": 2 * disk,
@@ -196,7 +212,7 @@ fn dry_run(
         writeln!(out)?;
         return Ok(ExitCode::SUCCESS);
     }
-    writeln!(out, "{}", source_line(&args.dem, info))?;
+    writeln!(out, "{}", source_line(dem, info))?;
     writeln!(out, "{}: nothing is written (--dry-run)", output.display())?;
     let each: Vec<String> = tiles.iter().map(ToString::to_string).collect();
     writeln!(

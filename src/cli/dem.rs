@@ -9,7 +9,7 @@ use relevo::source::{self, OpenOptions, Overlap, Source};
 /// The rasters.
 #[derive(clap::Args, Clone)]
 pub struct Dem {
-    /// The DEM, or several that become one: TIFF files (any rasters of GDAL's if built with --features gdal)
+    /// The DEM, or several that become one: TIFF files (any rasters of GDAL's if built with --features gdal); @LIST names files, one a line
     #[arg(value_name = "DEM", required = true)]
     pub dems: Vec<PathBuf>,
 }

@@ -4,8 +4,10 @@
 
 mod build;
 mod dem;
+mod each;
 mod export;
 mod info;
+mod inputs;
 mod merge;
 mod progress;
 mod stats;
@@ -57,6 +59,19 @@ pub enum Failure {
     Stdout(io::Error),
 }
 
+impl Failure {
+    /// What to tell the user.
+    pub fn message(self) -> String {
+        match self {
+            Self::Relevo(error) => error.to_string(),
+            Self::Resumable(error, folder) => {
+                format!("{error}; what is done is kept in {}: --resume goes on from there", folder.display())
+            }
+            Self::Stdout(error) => format!("standard output: {error}"),
+        }
+    }
+}
+
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
         Self::Relevo(error)
@@ -105,11 +120,7 @@ pub fn main() -> ExitCode {
     let message = match outcome {
         Ok(code) => return code,
         Err(Failure::Stdout(error)) if error.kind() == io::ErrorKind::BrokenPipe => return ExitCode::SUCCESS,
-        Err(Failure::Stdout(error)) => format!("standard output: {error}"),
-        Err(Failure::Relevo(error)) => error.to_string(),
-        Err(Failure::Resumable(error, folder)) => {
-            format!("{error}; what is done is kept in {}: --resume goes on from there", folder.display())
-        }
+        Err(failure) => failure.message(),
     };
     let _ = writeln!(io::stderr(), "relevo: {message}");
     ExitCode::from(2)

@@ -36,6 +36,8 @@ struct State {
     stage: Option<Stage>,
     stage_start: Instant,
     last_line: Instant,
+    /// Said after the name of the stage.
+    note: String,
 }
 
 impl Show {
@@ -50,7 +52,27 @@ impl Show {
             bar
         });
         let now = Instant::now();
-        Self { mode, bar, state: Mutex::new(State { stage: None, stage_start: now, last_line: now }) }
+        let state = State { stage: None, stage_start: now, last_line: now, note: String::new() };
+        Self { mode, bar, state: Mutex::new(state) }
+    }
+
+    /// Words that go with the progress from now on.
+    pub fn note(&self, note: &str) {
+        if let Ok(mut state) = self.state.lock() {
+            note.clone_into(&mut state.note);
+        }
+    }
+
+    /// A line on stderr, above the bar if there is one.
+    pub fn say(&self, line: &str) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| {
+                let _ = writeln!(std::io::stderr(), "{line}");
+            }),
+            None => {
+                let _ = writeln!(std::io::stderr(), "{line}");
+            }
+        }
     }
 
     /// Takes the bar away.
@@ -60,7 +82,7 @@ impl Show {
         }
     }
 
-    fn line(&self, stage: Stage, done: u64, total: u64, elapsed: f64) {
+    fn line(&self, (stage, note): (Stage, &str), done: u64, total: u64, elapsed: f64) {
         // Rows cost about the same each, so the rest takes as long a row as what is done.
         let left = if done > 0 { elapsed * (total - done) as f64 / done as f64 } else { f64::NAN };
         let mut err = std::io::stderr().lock();
@@ -68,13 +90,14 @@ impl Show {
             writeln!(
                 err,
                 "{}",
-                json!({ "stage": name(stage), "done": done, "total": total, "seconds": elapsed,
-                        "seconds_left": if left.is_finite() { Some(left) } else { None } })
+                json!({ "stage": name(stage), "note": Some(note).filter(|note| !note.is_empty()),
+                        "done": done, "total": total, "seconds": elapsed, "seconds_left": if left.is_finite() { Some(left) } else { None } })
             )
         } else {
             let percent = 100.0 * done as f64 / total.max(1) as f64;
             let (elapsed, left) = (table::seconds(elapsed), table::seconds(left));
-            writeln!(err, "relevo: {} {percent:.0} %, {elapsed} elapsed, about {left} left", name(stage))
+            let stage = [name(stage), note].join(" ");
+            writeln!(err, "relevo: {} {percent:.0} %, {elapsed} elapsed, about {left} left", stage.trim_end())
         };
     }
 }
@@ -99,7 +122,7 @@ impl Observer for Show {
             }
         }
         if let Some(bar) = &self.bar {
-            bar.set_message(name(stage));
+            bar.set_message([name(stage), &state.note].join(" "));
             bar.set_length(total);
             bar.set_position(done);
             return;
@@ -112,7 +135,8 @@ impl Observer for Show {
         let last = self.mode == Mode::Json && done == total;
         if last || state.last_line.elapsed() >= every {
             state.last_line = Instant::now();
-            self.line(stage, done, total, state.stage_start.elapsed().as_secs_f64());
+            let elapsed = state.stage_start.elapsed().as_secs_f64();
+            self.line((stage, &state.note), done, total, elapsed);
         }
     }
 

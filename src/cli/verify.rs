@@ -12,7 +12,7 @@ use serde_json::json;
 
 use crate::cli::dem::{Dem, SourceArgs};
 use crate::cli::table::{Table, grouped, short};
-use crate::cli::{Outcome, stopped};
+use crate::cli::{Outcome, inputs, stopped};
 
 /// Check a file: checksums, structure, invariants; against its source; every error by brute force
 #[derive(clap::Args)]
@@ -63,7 +63,8 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn check(args: &Args, reader: &Reader) -> relevo::Result<VerifyReport> {
-    let source = (!args.source.is_empty()).then(|| args.reading.open(&args.source)).transpose()?;
+    let dems = inputs::expand(&args.source)?;
+    let source = (!dems.is_empty()).then(|| args.reading.open(&dems)).transpose()?;
     let options = VerifyOptions { deep: args.deep, keep: args.show, ..VerifyOptions::default() };
     let bar = io::stderr().is_terminal().then(|| {
         let style = ProgressStyle::with_template("{msg:8} [{bar:40}] {percent:>3} %  {elapsed} elapsed");

@@ -1,0 +1,290 @@
+//! `relevo build --each`: every input to a file of its own, on all cores; what fails is told and passed over.
+//!
+//! Small inputs are built side by side, each on one thread, the largest first; an input that would leave the others waiting is built on all
+//! threads, before them. A record beside the outputs says what was made of what, for `--resume`.
+
+use std::collections::HashMap;
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+use relevo::Error;
+use relevo::container::reader::Reader;
+use relevo::pipeline::{self, BuildOptions, Observer, Report, Stage};
+use relevo::verify::{VerifyOptions, verify};
+use serde_json::json;
+
+use crate::cli::build::{self, failure};
+use crate::cli::dem::SourceArgs;
+use crate::cli::progress::Show;
+use crate::cli::table::{Table, bytes, grouped, seconds};
+use crate::cli::{Outcome, stopped};
+
+mod record;
+
+use record::Record;
+
+/// One input and its file.
+struct Job {
+    input: PathBuf,
+    output: PathBuf,
+    /// Bytes of the input: how long it takes, about.
+    weight: u64,
+}
+
+/// What became of an input.
+enum Fate {
+    Built(Box<Report>),
+    /// Made before, from the same input with the same options.
+    Unchanged,
+    Failed(String),
+    /// The batch was stopped before its turn.
+    NotBegun,
+}
+
+/// What all jobs share.
+struct Batch<'a> {
+    options: &'a BuildOptions,
+    reading: &'a SourceArgs,
+    verify: bool,
+    /// `options` and `reading` as text, for the record.
+    recipe: String,
+    record: Record,
+    show: &'a Show,
+    /// Weight that is done, by job.
+    done: Vec<AtomicU64>,
+    finished: AtomicUsize,
+    total: u64,
+}
+
+/// Builds all of `inputs` into `folder`.
+pub fn run(
+    args: &build::Args,
+    inputs: &[PathBuf],
+    folder: &Path,
+    options: &BuildOptions,
+    out: &mut dyn Write,
+) -> Outcome {
+    let start = Instant::now();
+    let mut jobs = jobs(inputs, folder)?;
+    // The largest first, so that no long one is left for the end.
+    jobs.sort_by(|a, b| b.weight.cmp(&a.weight).then_with(|| a.input.cmp(&b.input)));
+    fs::create_dir_all(folder).map_err(|source| Error::io(folder, "make the folder", source))?;
+    let show = Show::new(args.progress);
+    let batch = Batch {
+        options,
+        reading: &args.source,
+        verify: args.verify,
+        recipe: recipe(options, &args.source)?,
+        record: Record::open(folder)?,
+        show: &show,
+        done: jobs.iter().map(|_| AtomicU64::new(0)).collect(),
+        finished: AtomicUsize::new(0),
+        total: jobs.iter().map(|job| job.weight).sum(),
+    };
+    let fates = batch.run(&jobs);
+    show.finish();
+    let seconds = start.elapsed().as_secs_f64();
+    if args.json {
+        print_json(&jobs, &fates, seconds, out)?;
+    } else {
+        print(&jobs, &fates, seconds, out)?;
+    }
+    let good = fates.iter().all(|fate| matches!(fate, Fate::Built(_) | Fate::Unchanged));
+    Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(2) })
+}
+
+/// The jobs; refuses two inputs that would be one output.
+fn jobs(inputs: &[PathBuf], folder: &Path) -> Result<Vec<Job>, Error> {
+    let mut outputs: HashMap<PathBuf, &Path> = HashMap::with_capacity(inputs.len());
+    let mut jobs = Vec::with_capacity(inputs.len());
+    for input in inputs {
+        let output = folder.join(build::output_name(input)?);
+        if let Some(other) = outputs.insert(output.clone(), input) {
+            return Err(Error::usage(format!(
+                "{} and {} would both become {}; build them into different folders",
+                other.display(),
+                input.display(),
+                output.display()
+            )));
+        }
+        let weight = fs::metadata(input).map_or(1, |metadata| metadata.len().max(1));
+        jobs.push(Job { input: input.clone(), output, weight });
+    }
+    Ok(jobs)
+}
+
+/// All that decides what is made of an input.
+fn recipe(options: &BuildOptions, reading: &SourceArgs) -> Result<String, Error> {
+    let options = serde_json::to_string(options)
+        .map_err(|error| Error::usage(format!("the options cannot be recorded: {error}")))?;
+    Ok(format!("relevo {} {options} {:?}", env!("CARGO_PKG_VERSION"), reading.options()))
+}
+
+impl Batch<'_> {
+    /// Does all jobs, which stand by falling weight.
+    fn run(&self, jobs: &[Job]) -> Vec<Fate> {
+        let threads =
+            self.options.jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+        // On one thread, a job that is more than its share would still run when all others are done.
+        let share = self.total / (2 * threads as u64) + 1;
+        let alone = jobs.partition_point(|job| job.weight > share);
+        let fates: Vec<Mutex<Fate>> = jobs.iter().map(|_| Mutex::new(Fate::NotBegun)).collect();
+        let keep = |i: usize, fate| *fates[i].lock().unwrap_or_else(PoisonError::into_inner) = fate;
+        for (i, job) in jobs[..alone].iter().enumerate() {
+            keep(i, self.job(i, job, threads, self.options.memory));
+        }
+        let workers = threads.min(jobs.len() - alone);
+        let memory = self.options.memory.map(|memory| memory / workers.max(1) as u64);
+        let next = AtomicUsize::new(alone);
+        std::thread::scope(|scope| {
+            for _ in 0..workers {
+                scope.spawn(|| {
+                    loop {
+                        let i = next.fetch_add(1, Ordering::Relaxed);
+                        let Some(job) = jobs.get(i) else { break };
+                        keep(i, self.job(i, job, 1, memory));
+                    }
+                });
+            }
+        });
+        fates.into_iter().map(|fate| fate.into_inner().unwrap_or_else(PoisonError::into_inner)).collect()
+    }
+
+    fn job(&self, index: usize, job: &Job, threads: usize, memory: Option<u64>) -> Fate {
+        if stopped() {
+            return Fate::NotBegun;
+        }
+        let options = BuildOptions { jobs: Some(threads), memory, ..self.options.clone() };
+        let fate = self.make(index, job, &options).unwrap_or_else(|message| {
+            self.show.say(&format!("relevo: {message}"));
+            Fate::Failed(message)
+        });
+        self.done[index].store(job.weight, Ordering::Relaxed);
+        let finished = self.finished.fetch_add(1, Ordering::Relaxed) + 1;
+        self.show.note(&format!("{finished} of {} files", self.done.len()));
+        self.tell();
+        fate
+    }
+
+    fn make(&self, index: usize, job: &Job, options: &BuildOptions) -> Result<Fate, String> {
+        let input = std::slice::from_ref(&job.input);
+        let named = |error: Error| failure(error, &job.input, &job.output).message();
+        let source = self.reading.open(input).map_err(named)?;
+        let fingerprint = source.fingerprint().map_err(named)?;
+        if options.resume && self.record.has(&job.output, &fingerprint, &self.recipe) {
+            return Ok(Fate::Unchanged);
+        }
+        // What a resumed batch finds there is of another input, or was made with other options.
+        let force = options.force || (options.resume && job.output.exists());
+        let options = BuildOptions { force, ..options.clone() };
+        let share = Share { batch: self, index, weight: job.weight };
+        let report = pipeline::build(&*source, &job.output, &options, &share).map_err(named)?;
+        if self.verify {
+            let checked = Reader::open(&job.output).and_then(|reader| {
+                verify(&reader, Some(&*source), &VerifyOptions::default(), &mut |_| !stopped())
+            });
+            let problems = checked.map_err(named)?.problems();
+            if problems > 0 {
+                return Err(format!("{}: {problems} problems found by the check", job.output.display()));
+            }
+        }
+        self.record.add(&job.output, fingerprint, &self.recipe).map_err(named)?;
+        Ok(Fate::Built(Box::new(report)))
+    }
+
+    fn tell(&self) {
+        let done = self.done.iter().map(|done| done.load(Ordering::Relaxed)).sum();
+        self.show.rows(Stage::Build, done, self.total);
+    }
+}
+
+/// Tells how far one job is, as its share of the batch.
+struct Share<'a> {
+    batch: &'a Batch<'a>,
+    index: usize,
+    weight: u64,
+}
+
+impl Observer for Share<'_> {
+    fn rows(&self, stage: Stage, done: u64, total: u64) {
+        // Putting the file together takes about a tenth of the time.
+        let (from, to) = match stage {
+            Stage::Scan => (0.0, 0.0),
+            Stage::Build => (0.0, 0.9),
+            Stage::Merge | Stage::Write => (0.9, 1.0),
+        };
+        let share = from + (to - from) * done as f64 / total.max(1) as f64;
+        self.batch.done[self.index].store((share * self.weight as f64) as u64, Ordering::Relaxed);
+        self.batch.tell();
+    }
+
+    fn cancelled(&self) -> bool {
+        stopped()
+    }
+}
+
+fn print(jobs: &[Job], fates: &[Fate], time: f64, out: &mut dyn Write) -> io::Result<()> {
+    let mut table = Table::new(&["input", "samples", "tiles", "size", "time", ""]);
+    let mut counts = [0; 4];
+    for (job, fate) in jobs.iter().zip(fates) {
+        let name = job.input.display().to_string();
+        let (index, cells) = match fate {
+            Fate::Built(report) => {
+                let header = &report.header;
+                let rate = u64::from(header.width) * u64::from(header.height);
+                (
+                    0,
+                    [
+                        grouped(rate),
+                        grouped(header.tile_count),
+                        bytes(report.file.file_bytes),
+                        seconds(report.elapsed.as_secs_f64()),
+                        "built".to_owned(),
+                    ],
+                )
+            }
+            Fate::Unchanged => (1, ["", "", "", "", "unchanged"].map(str::to_owned)),
+            Fate::Failed(_) => (2, ["", "", "", "", "failed"].map(str::to_owned)),
+            Fate::NotBegun => (3, ["", "", "", "", "not begun"].map(str::to_owned)),
+        };
+        counts[index] += 1;
+        table.row(std::iter::once(name).chain(cells).collect());
+    }
+    table.print(out)?;
+    let [built, unchanged, failed, not_begun] = counts;
+    let parts = [(unchanged, "unchanged"), (failed, "failed"), (not_begun, "not begun")];
+    let others = parts.iter().filter(|(count, _)| *count > 0).map(|(count, word)| format!("{count} {word}"));
+    let all: Vec<String> = std::iter::once(format!("{built} built")).chain(others).collect();
+    writeln!(out, "{} in {}", all.join(", "), seconds(time))?;
+    for (job, fate) in jobs.iter().zip(fates) {
+        if let Fate::Failed(message) = fate {
+            writeln!(out, "  {}: {message}", job.input.display())?;
+        }
+    }
+    Ok(())
+}
+
+fn print_json(jobs: &[Job], fates: &[Fate], seconds: f64, out: &mut dyn Write) -> io::Result<()> {
+    let files: Vec<_> = jobs
+        .iter()
+        .zip(fates)
+        .map(|(job, fate)| match fate {
+            Fate::Built(report) => {
+                let mut file = build::json(report, &job.output);
+                file["input"] = json!(job.input);
+                file["status"] = json!("built");
+                file
+            }
+            Fate::Unchanged => json!({ "input": job.input, "output": job.output, "status": "unchanged" }),
+            Fate::Failed(error) => json!({ "input": job.input, "status": "failed", "error": error }),
+            Fate::NotBegun => json!({ "input": job.input, "status": "not begun" }),
+        })
+        .collect();
+    serde_json::to_writer_pretty(&mut *out, &json!({ "files": files, "seconds": seconds }))?;
+    writeln!(out)
+}

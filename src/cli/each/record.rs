@@ -1,0 +1,70 @@
+//! What a batch has done, in a file beside its outputs: one JSON object a line, so that a batch that is killed loses at most the line it
+//! was writing.
+
+use std::collections::HashMap;
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use relevo::Error;
+use relevo::source::{FileStamp, Fingerprint};
+use serde::{Deserialize, Serialize};
+
+/// Name of the file in the folder of the outputs.
+pub const NAME: &str = "relevo-each.jsonl";
+
+/// An output that was finished.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Entry {
+    /// The output as it was then.
+    pub output: FileStamp,
+    /// Its input as it was.
+    pub input: Fingerprint,
+    /// Everything that decides what is made of an input, as text.
+    pub options: String,
+}
+
+/// The record of a folder.
+pub struct Record {
+    path: PathBuf,
+    file: Mutex<File>,
+    done: HashMap<String, Entry>,
+}
+
+impl Record {
+    /// Opens or begins the record of a folder. Lines that are not whole are passed over: their outputs are made again.
+    pub fn open(folder: &Path) -> Result<Self, Error> {
+        let path = folder.join(NAME);
+        let failed = |source| Error::io(&path, "keep a record of the batch in it", source);
+        let text = match fs::read(&path) {
+            Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
+            Err(error) => return Err(failed(error)),
+        };
+        let entries = text.lines().filter_map(|line| serde_json::from_str::<Entry>(line).ok());
+        let done = entries.map(|entry| (entry.output.name.clone(), entry)).collect();
+        let mut file = OpenOptions::new().create(true).append(true).open(&path).map_err(failed)?;
+        if !text.is_empty() && !text.ends_with('\n') {
+            file.write_all(b"\n").map_err(failed)?;
+        }
+        Ok(Self { path: path.clone(), file: Mutex::new(file), done })
+    }
+
+    /// True if the output is there as it was made, from this input and with these options.
+    pub fn has(&self, output: &Path, input: &Fingerprint, options: &str) -> bool {
+        let Ok(stamp) = FileStamp::of(output) else { return false };
+        let entry = self.done.get(&stamp.name);
+        entry.is_some_and(|e| e.output == stamp && e.input == *input && e.options == options)
+    }
+
+    /// Notes an output that has just been finished.
+    pub fn add(&self, output: &Path, input: Fingerprint, options: &str) -> Result<(), Error> {
+        let entry = Entry { output: FileStamp::of(output)?, input, options: options.to_owned() };
+        let mut line = serde_json::to_string(&entry)
+            .map_err(|error| Error::usage(format!("the record of the batch cannot be written: {error}")))?;
+        line.push('\n');
+        let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        file.write_all(line.as_bytes()).map_err(|source| Error::io(&self.path, "write it", source))
+    }
+}
