@@ -40,6 +40,7 @@ impl Patches {
             geo: Geo { transform, ..Geo::default() },
             description: "patches".into(),
             parts: Vec::new(),
+            overlap: None,
             footprint: Some(rects.clone()),
             block_rows: 1,
         };
