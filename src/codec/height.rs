@@ -43,8 +43,9 @@ pub fn encode(
     };
     let narrow = is_narrow(codes, places);
     scratch.residuals.clear();
-    let (residuals, actual) = (&mut scratch.residuals, &mut scratch.row);
-    let mut coder = Encoder { codes, places, residuals, actual, weights: Weights::USUAL, choose: true };
+    let (residuals, actual, states) = (&mut scratch.residuals, &mut scratch.row, &mut scratch.states);
+    let mut coder =
+        Encoder { codes, places, residuals, actual, states, weights: Weights::USUAL, choose: true };
     scratch.walk.run(narrow, places, &mut coder);
     if root {
         // Every stage has chosen for itself; there is room for the choice of one.
@@ -116,7 +117,8 @@ pub fn decode(
     }
     let codes = if scale.is_some() { &mut scratch.decimals } else { &mut lattice.code };
     let (places, residuals) = (Places::new(n, root, &lattice.state), &scratch.residuals[..]);
-    let mut coder = Decoder { codes, places, residuals, used: 0, weights: parts.weights };
+    let mut coder =
+        Decoder { codes, places, residuals, used: 0, states: &mut scratch.states, weights: parts.weights };
     scratch.walk.run(parts.narrow, places, &mut coder);
     if let Some(scale) = scale {
         for row in order::newborn(n, root) {

@@ -24,6 +24,8 @@ pub(super) struct Validity {
     centres: Vec<u8>,
     /// One row.
     row: Vec<u8>,
+    /// States of one row.
+    states: Vec<u8>,
 }
 
 /// What encoder and decoder do with the rows of newborn samples.
@@ -31,7 +33,7 @@ trait Coder {
     /// States of the whole lattice, right for the samples that are known.
     fn state(&self) -> &[u8];
     /// Takes the predictions of the next row and puts the validity in their place.
-    fn code_row(&mut self, row: Row, valid: &mut [u8]);
+    fn code_row(&mut self, row: Row, valid: &mut [u8], states: &mut Vec<u8>);
 }
 
 impl Validity {
@@ -41,7 +43,7 @@ impl Validity {
         self.row.resize((n / 2 + 1).max(2), 0);
         for corners in order::corners(n, root) {
             self.row[..2].fill(1);
-            coder.code_row(corners, &mut self.row[..2]);
+            coder.code_row(corners, &mut self.row[..2], &mut self.states);
         }
         order::stages(n, root).for_each(|stage| self.refine(stage, coder));
     }
@@ -49,10 +51,13 @@ impl Validity {
     /// Sends the newborn samples of one stage through `coder`.
     fn refine(&mut self, stage: Stage, coder: &mut impl Coder) {
         let m = stage.m;
-        let Self { parents, centres, row } = self;
+        let Self { parents, centres, row, states } = self;
         parents.clear();
         for b in 0..=m {
-            parents.extend(stage.parents(b).of(coder.state()).map(|&state| u8::from(state == VALID)));
+            stage.parents(b).gather(coder.state(), parents);
+        }
+        for state in &mut *parents {
+            *state = u8::from(*state == VALID);
         }
         centres.clear();
         centres.resize((m + 2) * (m + 2), 0);
@@ -60,7 +65,7 @@ impl Validity {
         for b in 0..m {
             let (upper, lower) = (row_of_parents(b), row_of_parents(b + 1));
             majority(&mut row[..m], [&upper[..m], &upper[1..], &lower[..m], &lower[1..]]);
-            coder.code_row(stage.centres(b), &mut row[..m]);
+            coder.code_row(stage.centres(b), &mut row[..m], states);
             centres[(b + 1) * (m + 2) + 1..][..m].copy_from_slice(&row[..m]);
         }
         let row_of_centres = |b: usize| &centres[b * (m + 2)..][..m + 2];
@@ -68,13 +73,13 @@ impl Validity {
             let parents = row_of_parents(b);
             let (north, south) = (&row_of_centres(b)[1..=m], &row_of_centres(b + 1)[1..=m]);
             majority(&mut row[..m], [&parents[..m], &parents[1..], north, south]);
-            coder.code_row(stage.horizontals(b), &mut row[..m]);
+            coder.code_row(stage.horizontals(b), &mut row[..m], states);
         }
         for b in 0..m {
             let between = row_of_centres(b + 1);
             let sides = [row_of_parents(b), row_of_parents(b + 1), &between[..=m], &between[1..]];
             majority(&mut row[..=m], sides);
-            coder.code_row(stage.verticals(b), &mut row[..=m]);
+            coder.code_row(stage.verticals(b), &mut row[..=m], states);
         }
     }
 }
@@ -97,9 +102,11 @@ impl Coder for Encoder<'_> {
         self.state
     }
 
-    fn code_row(&mut self, row: Row, valid: &mut [u8]) {
-        let actual = row.of(self.state).map(|&state| u8::from(state == VALID));
-        self.bits.extend(valid.iter_mut().zip(actual).map(|(valid, actual)| {
+    fn code_row(&mut self, row: Row, valid: &mut [u8], states: &mut Vec<u8>) {
+        states.clear();
+        row.gather(self.state, states);
+        self.bits.extend(valid.iter_mut().zip(states.iter()).map(|(valid, &state)| {
+            let actual = u8::from(state == VALID);
             let bit = *valid ^ actual;
             *valid = actual;
             bit
@@ -118,13 +125,15 @@ impl Coder for Decoder<'_> {
         self.state
     }
 
-    fn code_row(&mut self, row: Row, valid: &mut [u8]) {
+    fn code_row(&mut self, row: Row, valid: &mut [u8], states: &mut Vec<u8>) {
         let (bits, rest) = self.bits.split_at(valid.len().min(self.bits.len()));
         self.bits = rest;
-        for ((sample, valid), bit) in row.of_mut(self.state).zip(valid).zip(bits) {
+        states.clear();
+        states.extend(valid.iter_mut().zip(bits).map(|(valid, bit)| {
             *valid ^= bit;
-            *sample = if *valid == 1 { VALID } else { VOID };
-        }
+            if *valid == 1 { VALID } else { VOID }
+        }));
+        row.scatter(states, self.state);
     }
 }
 

@@ -35,6 +35,8 @@ pub struct Scratch {
     residuals: Vec<u32>,
     /// Codes of one row.
     row: Vec<i32>,
+    /// States of one row.
+    states: Vec<u8>,
     /// Decimals that take the place of the lattice's codes.
     decimals: Vec<i32>,
     /// Histogram of residuals.

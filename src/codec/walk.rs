@@ -57,6 +57,7 @@ pub struct Walk {
 struct Buffers {
     row: Vec<i32>,
     parents: Vec<i32>,
+    states: Vec<u8>,
     valid: Vec<bool>,
 }
 
@@ -95,10 +96,12 @@ impl Buffers {
             stage.parents(b).gather(codes, &mut self.parents);
         }
         if places.has_void {
-            self.valid.clear();
+            self.states.clear();
             for b in 0..=stage.m {
-                self.valid.extend(stage.parents(b).of(places.state).map(|&state| state == VALID));
+                stage.parents(b).gather(places.state, &mut self.states);
             }
+            self.valid.clear();
+            self.valid.extend(self.states.iter().map(|&state| state == VALID));
             void::replace(&mut self.parents, &self.valid, stage.m);
         }
     }
@@ -175,6 +178,52 @@ impl Kernel for Add<'_> {
     }
 }
 
+/// [`Subtract`] where some samples are void: those have residual 0 and keep their predictions.
+struct SubtractValid<'a> {
+    codes: &'a mut [i32],
+    actual: &'a [i32],
+    states: &'a [u8],
+    residuals: &'a mut [u32],
+}
+
+impl Kernel for SubtractValid<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { codes, actual, states, residuals } = self;
+        let (codes, actual) = (&mut codes[..residuals.len()], &actual[..residuals.len()]);
+        let states = &states[..residuals.len()];
+        for i in 0..residuals.len() {
+            let residual = actual[i].wrapping_sub(codes[i]);
+            // A fill has a residual until it is known what its median is, a sample without one never.
+            residuals[i] = bits::zigzag(residual & -i32::from(states[i] != VOID));
+            codes[i] = codes[i].wrapping_add(residual & -i32::from(states[i] == VALID));
+        }
+    }
+}
+
+/// [`Add`] where some samples are void: those keep their predictions.
+struct AddValid<'a> {
+    codes: &'a mut [i32],
+    residuals: &'a [u32],
+    states: &'a [u8],
+}
+
+impl Kernel for AddValid<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { codes, residuals, states } = self;
+        let (residuals, states) = (&residuals[..codes.len()], &states[..codes.len()]);
+        for i in 0..codes.len() {
+            let valid = -i32::from(states[i] == VALID);
+            codes[i] = codes[i].wrapping_add(bits::unzigzag(residuals[i]) & valid);
+        }
+    }
+}
+
 /// Takes residuals of what is there.
 pub struct Encoder<'a> {
     pub codes: &'a [i32],
@@ -183,6 +232,8 @@ pub struct Encoder<'a> {
     pub residuals: &'a mut Vec<u32>,
     /// One row.
     pub actual: &'a mut Vec<i32>,
+    /// One row.
+    pub states: &'a mut Vec<u8>,
     /// Those of the last stage.
     pub weights: Weights,
     /// Weights are still to be chosen; otherwise they stay.
@@ -211,17 +262,14 @@ impl Coder for Encoder<'_> {
     fn code_row(&mut self, row: Row, codes: &mut [i32]) {
         self.actual.clear();
         row.gather(self.codes, self.actual);
+        let start = self.residuals.len();
+        self.residuals.resize(start + codes.len(), 0);
+        let residuals = &mut self.residuals[start..];
         if self.places.has_void {
-            let samples = codes.iter_mut().zip(self.actual.iter()).zip(row.of(self.places.state));
-            self.residuals.extend(samples.map(|((code, &actual), &state)| {
-                let residual = if state == VOID { 0 } else { actual.wrapping_sub(*code) };
-                *code = if state == VALID { actual } else { *code };
-                bits::zigzag(residual)
-            }));
+            self.states.clear();
+            row.gather(self.places.state, self.states);
+            simd::run(SubtractValid { codes, actual: self.actual, states: self.states, residuals });
         } else {
-            let start = self.residuals.len();
-            self.residuals.resize(start + codes.len(), 0);
-            let residuals = &mut self.residuals[start..];
             simd::run(Subtract { codes, actual: self.actual, residuals });
             codes.copy_from_slice(self.actual);
         }
@@ -273,6 +321,8 @@ pub struct Decoder<'a> {
     pub residuals: &'a [u32],
     /// Residuals used up.
     pub used: usize,
+    /// One row.
+    pub states: &'a mut Vec<u8>,
     pub weights: Weights,
 }
 
@@ -291,9 +341,9 @@ impl Coder for Decoder<'_> {
         let residuals = &self.residuals[self.used..self.used + row.count];
         self.used += row.count;
         if self.places.has_void {
-            for ((code, &g), &state) in codes.iter_mut().zip(residuals).zip(row.of(self.places.state)) {
-                *code = if state == VALID { code.wrapping_add(bits::unzigzag(g)) } else { *code };
-            }
+            self.states.clear();
+            row.gather(self.places.state, self.states);
+            simd::run(AddValid { codes, residuals, states: self.states });
         } else {
             simd::run(Add { codes, residuals });
         }
