@@ -9,7 +9,7 @@ use relevo::Error;
 use relevo::container::layout::Metric;
 use relevo::pipeline::reach::Extent;
 use relevo::pipeline::{self, BuildOptions, Plan, Report};
-use relevo::source::SourceInfo;
+use relevo::source::{self, SourceInfo};
 use serde_json::json;
 
 use crate::cli::dem::{Dem, SourceArgs};
@@ -121,7 +121,7 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 fn output(args: &Args) -> Result<PathBuf, Error> {
     let output = match &args.output {
         Some(path) => path.clone(),
-        None => PathBuf::from(args.dem.first().file_name().unwrap_or_default()).with_extension("rlv"),
+        None => PathBuf::from(source::stem(args.dem.first()) + ".rlv"),
     };
     let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
     if args.dem.dems.iter().any(|dem| same(&output, dem)) {

@@ -8,7 +8,10 @@ mod epsg;
 pub mod gdal;
 pub mod geokeys;
 mod metadata;
+mod stated;
 pub mod tiff;
+pub mod unit;
+pub mod warp;
 mod wkt;
 
 use std::ops::Range;
@@ -22,14 +25,49 @@ use crate::geo::Geo;
 use crate::limits::Limits;
 use crate::sample::SampleType;
 
+use warp::Warp;
+
 /// Opens a raster: a GeoTIFF natively, anything else (and a TIFF that needs more) through GDAL if that is built in.
 pub fn open(path: &Path, limits: &Limits) -> Result<Box<dyn Source>> {
     match tiff::TiffSource::open(path, limits) {
         Ok(source) => Ok(Box::new(source)),
         #[cfg(feature = "gdal")]
         Err(Error::Unsupported { .. }) => Ok(Box::new(gdal::GdalSource::open(path, limits)?)),
+        #[cfg(feature = "gdal")]
+        Err(Error::Io { .. }) if names_no_file(path) => Ok(Box::new(gdal::GdalSource::open(path, limits)?)),
+        #[cfg(not(feature = "gdal"))]
+        Err(Error::Io { .. }) if names_no_file(path) => {
+            Err(Error::unsupported("a name that only GDAL understands", NEEDS_GDAL).at(path))
+        }
         Err(error) => Err(error),
     }
+}
+
+/// True if a name may mean something to GDAL although there is no such file: `/vsizip/…`, `NETCDF:"file":variable`, a
+/// folder that is one raster.
+fn names_no_file(path: &Path) -> bool {
+    let text = path.to_string_lossy();
+    // One letter and a colon is a drive.
+    let driver = text
+        .find(':')
+        .is_some_and(|at| at > 1 && text[..at].chars().all(|c| c.is_ascii_alphanumeric() || c == '_'));
+    !path.is_file() && (text.starts_with("/vsi") || driver || path.is_dir())
+}
+
+/// What to call a container of this raster, without an extension: the file's own name, or of `NETCDF:"file":variable`
+/// both.
+pub fn stem(path: &Path) -> String {
+    let name = file_name(path);
+    if !names_no_file(path) || !name.contains(['"', ':']) {
+        return Path::new(&name)
+            .file_stem()
+            .map(|stem| stem.to_string_lossy().into_owned())
+            .unwrap_or_default();
+    }
+    let driver = usize::from(path.to_string_lossy().starts_with(&name));
+    let mut words = name.split(['"', ':']).filter(|word| !word.is_empty()).skip(driver);
+    let file = Path::new(words.next().unwrap_or_default()).file_stem().unwrap_or_default();
+    words.fold(file.to_string_lossy().into_owned(), |stem, word| format!("{stem}_{word}"))
 }
 
 /// How files become one source.
@@ -39,6 +77,12 @@ pub struct OpenOptions {
     pub nodata: Option<f64>,
     /// Which sample counts where files overlap.
     pub overlap: Overlap,
+    /// Metres and name of the vertical unit of every file, instead of what it says itself; see [`unit::parse`].
+    pub vertical_unit: Option<(f64, String)>,
+    /// True if the samples are depths, positive down: heights are their negatives.
+    pub depth: bool,
+    /// The grid that the files are warped to; `None`: their own.
+    pub warp: Option<Warp>,
 }
 
 /// Which of several valid samples of one place counts. A void in one file never hides a valid sample of another.
@@ -60,13 +104,38 @@ pub enum Overlap {
 
 /// Opens one or more files as one raster.
 pub fn open_all(paths: &[PathBuf], options: &OpenOptions, limits: &Limits) -> Result<Box<dyn Source>> {
-    let _ = options;
+    if let Some(warp) = &options.warp {
+        return open_warped(paths, warp, options, limits);
+    }
     match paths {
-        [path] => open(path, limits),
+        [path] => Ok(stated::apply(open(path, limits)?, options)),
         [] => Err(Error::usage("there is no DEM to read")),
         _ => Err(Error::unsupported("several DEMs", "build them one by one")),
     }
 }
+
+#[cfg(feature = "gdal")]
+fn open_warped(
+    paths: &[PathBuf],
+    warp: &Warp,
+    options: &OpenOptions,
+    limits: &Limits,
+) -> Result<Box<dyn Source>> {
+    gdal::warp::open_all(paths, warp, options, limits)
+}
+
+#[cfg(not(feature = "gdal"))]
+fn open_warped(paths: &[PathBuf], _: &Warp, _: &OpenOptions, _: &Limits) -> Result<Box<dyn Source>> {
+    let path = paths.first().cloned().unwrap_or_default();
+    Err(Error::unsupported("warping (--crs, --resolution, --resampling)", NEEDS_GDAL).at(&path))
+}
+
+/// What to do where only GDAL can help.
+pub(crate) const NEEDS_GDAL: &str = if cfg!(feature = "gdal") {
+    "GDAL does not read it either"
+} else {
+    "install GDAL (Debian: apt-get install libgdal-dev) and relevo with it: cargo install relevo --features gdal"
+};
 
 /// A file that samples come from, as recorded in the container.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -144,6 +213,8 @@ macro_rules! with_samples {
         }
     };
 }
+#[cfg(feature = "gdal")]
+pub(crate) use with_samples;
 
 impl Samples {
     /// How many there are.

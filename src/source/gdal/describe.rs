@@ -1,107 +1,30 @@
-//! Any raster that GDAL opens, behind the feature `gdal`: other formats, and TIFFs with compressions not read natively.
-//!
-//! Band 1 is the elevation. GDAL's mask comes along where it says more than the nodata value does. A GDAL dataset
-//! serves one thread at a time, so reads are serialised; GDAL's own block cache keeps what bands share. GDAL's
-//! messages are not printed: they come back in the errors.
+//! What GDAL says of a raster: size, type, georeference, units.
 
-use std::ops::Range;
-use std::path::{Path, PathBuf};
-use std::sync::{Mutex, Once, PoisonError};
+use std::path::Path;
 
 use gdal::errors::GdalError;
-use gdal::raster::{GdalType, RasterBand};
+use gdal::raster::RasterBand;
 use gdal::spatial_ref::SpatialRef;
 use gdal::{Dataset, Metadata};
 
-use super::{
-    FileStamp, Fingerprint, Part, Samples, Source, SourceInfo, Window, check_window, epsg, file_name,
-    metadata, wkt,
-};
 use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind, Ellipsoid, Geo};
 use crate::limits::Limits;
 use crate::sample::SampleType;
-
-/// A raster opened by GDAL.
-pub struct GdalSource {
-    path: PathBuf,
-    info: SourceInfo,
-    dataset: Mutex<Dataset>,
-    has_mask: bool,
-}
-
-impl GdalSource {
-    /// Opens a raster and checks its size and type.
-    pub fn open(path: &Path, limits: &Limits) -> Result<Self> {
-        static QUIET: Once = Once::new();
-        QUIET.call_once(|| gdal::config::set_error_handler(|_, _, _| {}));
-        let dataset = Dataset::open(path).map_err(|error| {
-            let what = format!("GDAL cannot open it ({error})");
-            Error::unsupported(what, "see what gdalinfo says of it").at(path)
-        })?;
-        let (info, has_mask) = describe(&dataset, path, limits).map_err(|error| error.at(path))?;
-        Ok(Self { path: path.to_owned(), info, dataset: Mutex::new(dataset), has_mask })
-    }
-
-    fn window(&self, columns: &Range<u32>, rows: &Range<u32>) -> Result<Window, GdalError> {
-        let dataset = self.dataset.lock().unwrap_or_else(PoisonError::into_inner);
-        let band = dataset.rasterband(1)?;
-        let samples = match self.info.sample_type {
-            // GDAL before 3.7 has no int8 and calls it a kind of byte; later ones convert to int16 exactly.
-            SampleType::Int8 if band.band_type().name() == "Byte" => {
-                Samples::Int8(read::<u8>(&band, columns, rows)?.into_iter().map(u8::cast_signed).collect())
-            }
-            SampleType::Int8 => {
-                Samples::Int8(read::<i16>(&band, columns, rows)?.into_iter().map(|s| s as i8).collect())
-            }
-            SampleType::Uint8 => Samples::Uint8(read(&band, columns, rows)?),
-            SampleType::Int16 => Samples::Int16(read(&band, columns, rows)?),
-            SampleType::Uint16 => Samples::Uint16(read(&band, columns, rows)?),
-            SampleType::Int32 => Samples::Int32(read(&band, columns, rows)?),
-            SampleType::Uint32 => Samples::Uint32(read(&band, columns, rows)?),
-            SampleType::Float32 => Samples::Float32(read(&band, columns, rows)?),
-            SampleType::Float64 => Samples::Float64(read(&band, columns, rows)?),
-        };
-        let mask = self.has_mask.then(|| read(&band.open_mask_band()?, columns, rows)).transpose()?;
-        Ok(Window { samples, mask })
-    }
-}
-
-impl Source for GdalSource {
-    fn info(&self) -> &SourceInfo {
-        &self.info
-    }
-
-    fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window> {
-        check_window(&self.info, &columns, &rows)?;
-        self.window(&columns, &rows).map_err(|error| {
-            let place = format!("rows {} to {}", rows.start, rows.end);
-            Error::format(place, "samples", format!("GDAL's error: {error}")).at(&self.path)
-        })
-    }
-
-    fn fingerprint(&self) -> Result<Fingerprint> {
-        Ok(Fingerprint { files: vec![FileStamp::of(&self.path)?] })
-    }
-}
-
-fn read<T: GdalType + Copy>(
-    band: &RasterBand<'_>,
-    columns: &Range<u32>,
-    rows: &Range<u32>,
-) -> Result<Vec<T>, GdalError> {
-    let size = (columns.len(), rows.len());
-    if rows.is_empty() || columns.is_empty() {
-        return Ok(Vec::new());
-    }
-    let start = (columns.start as isize, rows.start as isize);
-    Ok(band.read_as::<T>(start, size, size, None)?.into_shape_and_vec().1)
-}
+use crate::source::{Part, SourceInfo, epsg, file_name, metadata, wkt};
 
 /// Everything known at once, and whether the mask is to be read.
-fn describe(dataset: &Dataset, path: &Path, limits: &Limits) -> Result<(SourceInfo, bool)> {
+pub(super) fn describe(dataset: &Dataset, path: &Path, limits: &Limits) -> Result<(SourceInfo, bool)> {
     let wrong = |error: GdalError| Error::format("band 1", "a raster band", error);
-    let band = dataset.rasterband(1).map_err(wrong)?;
+    let band = dataset.rasterband(1).map_err(|error| {
+        let names = dataset.metadata_domain("SUBDATASETS").unwrap_or_default();
+        match names.iter().find_map(|line| line.split_once("_NAME=")) {
+            Some((_, name)) => {
+                Error::unsupported("several rasters in one file", format!("name one of them: {name}"))
+            }
+            None => wrong(error),
+        }
+    })?;
     let (width, height) = band.size();
     let sample_type = sample_type(&band)?;
     let flags = band.mask_flags().map_err(wrong)?;
@@ -111,8 +34,8 @@ fn describe(dataset: &Dataset, path: &Path, limits: &Limits) -> Result<(SourceIn
     let unit = band.unit();
     let description = format!("{} through GDAL", dataset.driver().long_name());
     let info = SourceInfo {
-        width: side("the width of the raster", width, limits)?,
-        height: side("the height of the raster", height, limits)?,
+        width: side("the width of the raster", width as u64, limits)?,
+        height: side("the height of the raster", height as u64, limits)?,
         sample_type,
         nodata: band.no_data_value().map(|value| metadata::rounded(value, sample_type)),
         band_scale: band.scale().unwrap_or(1.0),
@@ -127,8 +50,8 @@ fn describe(dataset: &Dataset, path: &Path, limits: &Limits) -> Result<(SourceIn
     Ok((info, !flags.is_all_valid() && !flags.is_nodata()))
 }
 
-fn side(what: &str, value: usize, limits: &Limits) -> Result<u32> {
-    let value = value as u64;
+/// Width or height of a raster, checked.
+pub(super) fn side(what: &str, value: u64, limits: &Limits) -> Result<u32> {
     match u32::try_from(value) {
         Ok(0) => Err(Error::format(what, "at least 1", 0)),
         Ok(side) if value <= limits.raster_side => Ok(side),
@@ -151,7 +74,7 @@ fn sample_type(band: &RasterBand<'_>) -> Result<SampleType> {
 }
 
 /// The coordinate system, and metres and name of the vertical unit if it has a vertical part.
-fn crs(spatial: Option<&SpatialRef>) -> (Crs, Option<(f64, String)>) {
+pub(super) fn crs(spatial: Option<&SpatialRef>) -> (Crs, Option<(f64, String)>) {
     let Some(spatial) = spatial else {
         return (Crs { wkt: wkt::engineering(1.0), ..Crs::default() }, None);
     };
@@ -178,6 +101,8 @@ fn crs(spatial: Option<&SpatialRef>) -> (Crs, Option<(f64, String)>) {
         ellipsoid: ellipsoid(spatial).unwrap_or_else(|| epsg::geographic_ellipsoid(epsg)),
         unit: if unit > 0.0 && unit.is_finite() { unit } else { 1.0 },
         vertical_epsg: code("VERT_CS"),
+        vertical_name: attribute("VERT_CS", 0).unwrap_or_default(),
+        vertical_down: attribute("VERT_CS|AXIS", 1).is_some_and(|word| word.eq_ignore_ascii_case("down")),
         keys: None,
     };
     (crs, vertical_unit)
@@ -190,7 +115,7 @@ fn ellipsoid(spatial: &SpatialRef) -> Option<Ellipsoid> {
 }
 
 /// WKT 2, which the bindings give only by way of an option of the thread.
-fn wkt2(spatial: &SpatialRef) -> String {
+pub(super) fn wkt2(spatial: &SpatialRef) -> String {
     let option = "OSR_WKT_FORMAT";
     if gdal::config::set_thread_local_config_option(option, "WKT2_2019").is_err() {
         return String::new();

@@ -1,0 +1,53 @@
+//! A raster of which the user says something else than its file does: the unit of its heights, or their sense.
+
+use std::ops::Range;
+
+use super::{Fingerprint, OpenOptions, Source, SourceInfo, Window};
+use crate::error::Result;
+
+/// A raster with another description; its samples are untouched.
+struct Stated {
+    info: SourceInfo,
+    source: Box<dyn Source>,
+}
+
+/// The raster as the options have it: vertical unit and sense. Metres are `(offset + scale * sample) * unit`, so a
+/// depth is a height by the signs of scale and offset, and every sample stays as it is.
+pub fn apply(source: Box<dyn Source>, options: &OpenOptions) -> Box<dyn Source> {
+    if options.vertical_unit.is_none() && !options.depth {
+        return source;
+    }
+    let mut info = source.info().clone();
+    if let Some(unit) = &options.vertical_unit {
+        info.vertical_unit.clone_from(unit);
+    }
+    if options.depth {
+        info.band_scale = -info.band_scale;
+        // No negative zero.
+        info.band_offset = 0.0 - info.band_offset;
+        if info.geo.crs.vertical_down {
+            // A vertical system that counts downwards is not what the negated values are in.
+            let crs = &mut info.geo.crs;
+            (crs.vertical_epsg, crs.vertical_down) = (None, false);
+            crs.vertical_name += " (negated)";
+            if let Some(keys) = &mut crs.keys {
+                super::geokeys::drop_vertical(keys);
+            }
+        }
+    }
+    Box::new(Stated { info, source })
+}
+
+impl Source for Stated {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window> {
+        self.source.read_window(columns, rows)
+    }
+
+    fn fingerprint(&self) -> Result<Fingerprint> {
+        self.source.fingerprint()
+    }
+}
