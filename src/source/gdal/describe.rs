@@ -1,5 +1,6 @@
 //! What GDAL says of a raster: size, type, georeference, units.
 
+use std::ffi::{CStr, c_char};
 use std::path::Path;
 
 use gdal::errors::GdalError;
@@ -11,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind, Ellipsoid, Geo};
 use crate::limits::Limits;
 use crate::sample::SampleType;
-use crate::source::{Part, SourceInfo, epsg, file_name, metadata, wkt};
+use crate::source::{Part, SourceInfo, epsg, file_name, metadata, unit, wkt};
 
 /// Everything known at once, and whether the mask is to be read.
 pub(super) fn describe(dataset: &Dataset, path: &Path, limits: &Limits) -> Result<(SourceInfo, bool)> {
@@ -79,33 +80,51 @@ pub(super) fn crs(spatial: Option<&SpatialRef>) -> (Crs, Option<(f64, String)>) 
         return (Crs { wkt: wkt::engineering(1.0), ..Crs::default() }, None);
     };
     let attribute = |path: &str, child| spatial.get_attr_value(path, child).ok().flatten();
-    let code = |node: &str| {
-        let authority = format!("{node}|AUTHORITY");
-        attribute(&authority, 0).filter(|name| name.eq_ignore_ascii_case("EPSG"))?;
-        attribute(&authority, 1)?.parse::<u32>().ok()
-    };
-    let (kind, unit, epsg) = if spatial.is_projected() {
-        (CrsKind::Projected, spatial.linear_units(), code("PROJCS"))
+    let code = |node| epsg_code(spatial, node);
+    let (kind, step, epsg) = if spatial.is_projected() {
+        (CrsKind::Projected, spatial.linear_units(), code(c"PROJCS"))
     } else if spatial.is_geographic() {
-        (CrsKind::Geographic, spatial.angular_units(), code("GEOGCS"))
+        (CrsKind::Geographic, spatial.angular_units(), code(c"GEOGCS"))
     } else {
         (CrsKind::Engineering, spatial.linear_units(), None)
     };
     let vertical_unit = attribute("VERT_CS|UNIT", 0).zip(attribute("VERT_CS|UNIT", 1));
-    let vertical_unit = vertical_unit.and_then(|(name, metres)| Some((metadata::number(&metres)?, name)));
+    let vertical_unit = vertical_unit.and_then(|(name, metres)| {
+        let written = metadata::number(&metres)?;
+        // WKT has 15 digits.
+        let exact = unit::metres_of(&name).filter(|exact| (exact / written - 1.0).abs() < 1e-9);
+        Some((exact.unwrap_or(written), name))
+    });
     let crs = Crs {
         kind,
         epsg,
         name: spatial.name().unwrap_or_default(),
         wkt: wkt2(spatial),
         ellipsoid: ellipsoid(spatial).unwrap_or_else(|| epsg::geographic_ellipsoid(epsg)),
-        unit: if unit > 0.0 && unit.is_finite() { unit } else { 1.0 },
-        vertical_epsg: code("VERT_CS"),
+        unit: if step > 0.0 && step.is_finite() { step } else { 1.0 },
+        vertical_epsg: code(c"VERT_CS"),
         vertical_name: attribute("VERT_CS", 0).unwrap_or_default(),
         vertical_down: attribute("VERT_CS|AXIS", 1).is_some_and(|word| word.eq_ignore_ascii_case("down")),
         keys: None,
     };
     (crs, vertical_unit)
+}
+
+/// EPSG code of a part of a coordinate system itself, not of what that is made of (a user's own projection has none,
+/// its datum has one).
+fn epsg_code(spatial: &SpatialRef, node: &CStr) -> Option<u32> {
+    // SAFETY: the system is valid, the node a C string; what comes back is null or a C string that lives as long as
+    // the system is not changed, and is copied here.
+    #[expect(unsafe_code, reason = "the bindings ask for the whole system only")]
+    let (name, code) = unsafe {
+        let text = |text: *const c_char| {
+            (!text.is_null()).then(|| CStr::from_ptr(text).to_string_lossy().into_owned())
+        };
+        let system = spatial.to_c_hsrs();
+        let name = text(gdal_sys::OSRGetAuthorityName(system, node.as_ptr()))?;
+        (name, text(gdal_sys::OSRGetAuthorityCode(system, node.as_ptr()))?)
+    };
+    name.eq_ignore_ascii_case("EPSG").then(|| code.parse().ok()).flatten()
 }
 
 fn ellipsoid(spatial: &SpatialRef) -> Option<Ellipsoid> {
