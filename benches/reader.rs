@@ -40,6 +40,7 @@ impl Hills {
             description: "hills".into(),
             parts: Vec::new(),
             footprint: None,
+            overlap: None,
             block_rows: 1,
         };
         Self { info, lakes }

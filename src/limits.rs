@@ -8,6 +8,10 @@ pub struct Limits {
     pub raster_side: u64,
     /// Bytes of one decoded TIFF strip or tile (1 GiB).
     pub block_bytes: u64,
+    /// Bytes of a GDAL virtual raster (64 MiB).
+    pub vrt_bytes: u64,
+    /// Files of a mosaic, those of VRTs within it included (131 072).
+    pub mosaic_files: u64,
     /// Entries of a TIFF directory, or bytes of a text tag (16 Mi).
     pub tag_entries: u64,
     /// Bytes of the metadata section of a container, decoded (64 MiB).
@@ -23,6 +27,8 @@ impl Default for Limits {
         Self {
             raster_side: 1 << 30,
             block_bytes: 1 << 30,
+            vrt_bytes: 64 << 20,
+            mosaic_files: 1 << 17,
             tag_entries: 16 << 20,
             metadata_bytes: 64 << 20,
             page_bytes: 1 << 20,

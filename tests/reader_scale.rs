@@ -34,6 +34,7 @@ impl Hills {
             description: "hills".into(),
             parts: Vec::new(),
             footprint: None,
+            overlap: None,
             block_rows: 1,
         })
     }

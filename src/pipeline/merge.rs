@@ -172,7 +172,7 @@ fn metadata(info: &SourceInfo, plan: &Plan, statistics: &Statistics, options: &B
         bounds: info.geo.transform.map(|_| info.geo.bounds(info.width, info.height)),
         vertical_unit: info.vertical_unit.1.clone(),
         sources: info.parts.iter().map(source_note).collect(),
-        options: plan.options_json(options),
+        options: plan.options_json(options, info),
         levels: statistics.levels.iter().map(level_note).collect(),
     }
 }

@@ -176,14 +176,18 @@ impl Plan {
     }
 
     /// Options as recorded in the metadata.
-    pub fn options_json(&self, options: &BuildOptions) -> Value {
-        json!({
+    pub fn options_json(&self, options: &BuildOptions, info: &SourceInfo) -> Value {
+        let mut json = json!({
             "tile": self.tile,
             "patch": self.patch,
             "metric": self.metric,
             "precision_m": options.precision_m,
             "nodata": self.recipe.nodata.filter(|v| v.is_finite()),
-        })
+        });
+        if let Some(overlap) = info.overlap {
+            json["overlap"] = json!(overlap);
+        }
+        json
     }
 
     /// Bytes of memory that the build takes at most.

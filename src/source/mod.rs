@@ -7,51 +7,132 @@ mod epsg;
 #[cfg(feature = "gdal")]
 pub mod gdal;
 pub mod geokeys;
+pub mod hgt;
 mod metadata;
+pub mod mosaic;
 mod stated;
 pub mod tiff;
 pub mod unit;
+mod vrt;
 pub mod warp;
 mod wkt;
 
+use std::cell::Cell;
+use std::fs::File;
+use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
 use serde::{Deserialize, Serialize};
 
+use self::mosaic::{Mosaic, Piece};
+use self::warp::Warp;
 use crate::error::{Error, Result};
 use crate::geo::Geo;
 use crate::limits::Limits;
 use crate::sample::SampleType;
 
-use warp::Warp;
-
-/// Opens a raster: a GeoTIFF natively, anything else (and a TIFF that needs more) through GDAL if that is built in.
+/// Opens a raster: a GeoTIFF, a GDAL virtual raster or an SRTM tile natively, anything else (and what needs more)
+/// through GDAL if that is built in.
 pub fn open(path: &Path, limits: &Limits) -> Result<Box<dyn Source>> {
-    match tiff::TiffSource::open(path, limits) {
-        Ok(source) => Ok(Box::new(source)),
-        #[cfg(feature = "gdal")]
-        Err(Error::Unsupported { .. }) => Ok(Box::new(gdal::GdalSource::open(path, limits)?)),
-        #[cfg(feature = "gdal")]
-        Err(Error::Io { .. }) if names_no_file(path) => Ok(Box::new(gdal::GdalSource::open(path, limits)?)),
-        #[cfg(not(feature = "gdal"))]
-        Err(Error::Io { .. }) if names_no_file(path) => {
-            Err(Error::unsupported("a name that only GDAL understands", NEEDS_GDAL).at(path))
+    open_file(path, None, &Nest { limits, depth: 0, files: &Cell::new(0) })
+}
+
+/// How deep files stand in one another, and how many have been opened on the way.
+#[derive(Clone, Copy)]
+pub(crate) struct Nest<'a> {
+    limits: &'a Limits,
+    depth: u32,
+    files: &'a Cell<u64>,
+}
+
+impl Nest<'_> {
+    /// One more file.
+    fn count(&self) -> Result<()> {
+        self.files.set(self.files.get() + 1);
+        match self.files.get() {
+            files if files > self.limits.mosaic_files => {
+                Err(Error::limit("the number of files of a mosaic", files, self.limits.mosaic_files))
+            }
+            _ => Ok(()),
         }
-        Err(error) => Err(error),
     }
 }
 
-/// True if a name may mean something to GDAL although there is no such file: `/vsizip/…`, `NETCDF:"file":variable`, a
-/// folder that is one raster.
+/// Opens a raster; `nodata` is what means void in the files of a VRT, instead of what it says.
+fn open_file(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Box<dyn Source>> {
+    if names_no_file(path) {
+        #[cfg(feature = "gdal")]
+        return Ok(Box::new(gdal::GdalSource::open(path, nest.limits)?));
+        #[cfg(not(feature = "gdal"))]
+        return Err(Error::unsupported("a name that only GDAL understands", NEEDS_GDAL).at(path));
+    }
+    match open_native(path, nodata, nest) {
+        #[cfg(feature = "gdal")]
+        Err(Error::Unsupported { .. }) => Ok(Box::new(gdal::GdalSource::open(path, nest.limits)?)),
+        opened => opened,
+    }
+}
+
+fn open_native(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Box<dyn Source>> {
+    Ok(match format(path)? {
+        Format::Vrt => Box::new(vrt::open(path, nodata, nest)?),
+        Format::Hgt => Box::new(hgt::HgtSource::open(path, nest.limits)?),
+        Format::Tiff => Box::new(tiff::TiffSource::open(path, nest.limits)?),
+    })
+}
+
+/// Formats that are read natively.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Vrt,
+    Hgt,
+    /// Or something else: its reader says so.
+    Tiff,
+}
+
+/// Looks at the name of a file and at its first bytes.
+fn format(path: &Path) -> Result<Format> {
+    if path.is_dir() {
+        let what = format!("{}: a folder; give the files in it, as in {0}/*.tif", path.display());
+        return Err(Error::usage(what));
+    }
+    let mut start = Vec::new();
+    File::open(path)
+        .map_err(|error| Error::io(path, "open", error))?
+        .take(LOOK)
+        .read_to_end(&mut start)
+        .map_err(|error| Error::io(path, "read", error))?;
+    let is_xml = start.trim_ascii_start().strip_prefix(b"\xEF\xBB\xBF").unwrap_or(start.trim_ascii_start());
+    if is_xml.first() == Some(&b'<') && start.windows(11).any(|word| word == b"<VRTDataset") {
+        return Ok(Format::Vrt);
+    }
+    let is_hgt = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("hgt"));
+    Ok(if is_hgt { Format::Hgt } else { Format::Tiff })
+}
+
+/// A file as a part of a mosaic. A VRT stays open (its own files do not), every other file only while it is needed.
+fn piece(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Piece> {
+    let source = open_file(path, nodata, nest)?;
+    if !names_no_file(path) && format(path)? == Format::Vrt {
+        return Ok(Piece::held(path.to_owned(), source));
+    }
+    let (again, limits) = (path.to_owned(), *nest.limits);
+    Ok(Piece::lazy(path.to_owned(), source.info().clone(), Box::new(move || open(&again, &limits))))
+}
+
+/// Bytes of a file that tell its format: a VRT may have comments in front.
+const LOOK: u64 = 1024;
+
+/// True if a name means something to GDAL although there is no such file: `/vsizip/…`, `NETCDF:"file":variable`.
 fn names_no_file(path: &Path) -> bool {
     let text = path.to_string_lossy();
     // One letter and a colon is a drive.
     let driver = text
         .find(':')
         .is_some_and(|at| at > 1 && text[..at].chars().all(|c| c.is_ascii_alphanumeric() || c == '_'));
-    !path.is_file() && (text.starts_with("/vsi") || driver || path.is_dir())
+    !path.exists() && (text.starts_with("/vsi") || driver)
 }
 
 /// What to call a container of this raster, without an extension: the file's own name, or of `NETCDF:"file":variable`
@@ -102,15 +183,38 @@ pub enum Overlap {
     Mean,
 }
 
-/// Opens one or more files as one raster.
+/// Opens one or more files as one raster; several are joined, see [`Mosaic::of`].
+///
+/// Of a single file `options.overlap` does not count, and `options.nodata` only within a VRT, which is a mosaic whose
+/// files lie on top of one another as it says.
 pub fn open_all(paths: &[PathBuf], options: &OpenOptions, limits: &Limits) -> Result<Box<dyn Source>> {
     if let Some(warp) = &options.warp {
         return open_warped(paths, warp, options, limits);
     }
+    let files = Cell::new(0);
+    let nest = Nest { limits, depth: 0, files: &files };
     match paths {
-        [path] => Ok(stated::apply(open(path, limits)?, options)),
         [] => Err(Error::usage("there is no DEM to read")),
-        _ => Err(Error::unsupported("several DEMs", "build them one by one")),
+        [path] => {
+            let source = open_file(path, options.nodata, &nest)?;
+            if source.info().overlap.is_some_and(|own| options.overlap != own) {
+                return Err(Error::usage(format!(
+                    "{}: a VRT says itself which file lies on top; for --overlap give the files one by one",
+                    path.display()
+                )));
+            }
+            Ok(stated::apply(source, options))
+        }
+        _ => {
+            let piece = |path: &PathBuf| {
+                nest.count()?;
+                let mut piece = piece(path, options.nodata, &nest)?;
+                stated::state(&mut piece.info, options);
+                Ok(piece)
+            };
+            let pieces = paths.iter().map(piece).collect::<Result<_>>()?;
+            Ok(Box::new(Mosaic::of(pieces, options, limits)?))
+        }
     }
 }
 
@@ -180,6 +284,8 @@ pub struct SourceInfo {
     pub parts: Vec<Part>,
     /// Where valid samples can be: all else is void, and need not be read. `None`: anywhere.
     pub footprint: Option<Vec<Rect>>,
+    /// Which sample counts where parts overlap; `None` for a single file.
+    pub overlap: Option<Overlap>,
     /// Height in rows of the blocks that the file is made of (strip or tile height): reading whole ones is cheapest.
     pub block_rows: u32,
 }
@@ -319,6 +425,9 @@ pub trait Source: Send + Sync {
 
     /// The files as they are on disk now: differs from what it was as soon as one of them has been written to, replaced or removed.
     fn fingerprint(&self) -> Result<Fingerprint>;
+
+    /// Lets go of memory and files that are kept for a next window; a later window only takes longer.
+    fn release(&self) {}
 }
 
 /// What tells one state of a source from another.

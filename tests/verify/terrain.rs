@@ -57,6 +57,7 @@ fn info(width: u32, height: u32, sample_type: SampleType) -> SourceInfo {
         description: "memory".into(),
         parts: Vec::new(),
         footprint: None,
+        overlap: None,
         block_rows: 16,
     }
 }

@@ -45,6 +45,7 @@ pub(super) fn describe(dataset: &Dataset, path: &Path, limits: &Limits) -> Resul
         geo: Geo { transform, pixel_is_point, crs },
         parts: vec![Part { name: file_name(path), description: description.clone() }],
         footprint: None,
+        overlap: None,
         description,
         block_rows: u32::try_from(band.block_size().1.clamp(1, height.max(1))).unwrap_or(1),
     };

@@ -4,11 +4,13 @@
 //! serves one thread at a time, so reads are serialised; GDAL's own block cache keeps what bands share. GDAL's
 //! messages are not printed: they come back in the errors.
 
+mod blocks;
 mod describe;
 mod files;
 mod operation;
 mod target;
 pub mod warp;
+mod warped;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};

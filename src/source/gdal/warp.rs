@@ -1,36 +1,30 @@
-//! Rasters warped to one grid while they are read, block by block, in bounded memory and without a file in between.
-//!
-//! Every sample is made in the same block of its file's part of the grid, whatever window is read, by whichever
-//! thread: reading in other windows, with other memory or on more threads gives the same bits.
+//! Rasters warped to one grid while they are read, in bounded memory and without a file in between: what is asked for,
+//! what is refused, and the parts of the grid that each raster has.
 
-use std::collections::HashMap;
-use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use gdal::Metadata;
 use gdal::spatial_ref::SpatialRef;
-use rayon::prelude::*;
 
+use super::blocks::Shared;
 use super::describe::describe;
-use super::operation::{Operation, Request, filled};
+use super::operation::Request;
 use super::target::{Horizontal, Lattice, suggested};
+use super::warped::Warped;
 use super::{dataset, files};
 use crate::error::{Error, Result};
 use crate::geo::Geo;
 use crate::limits::Limits;
 use crate::sample::SampleType;
+use crate::source::mosaic::Mosaic;
 use crate::source::warp::Warp;
-use crate::source::{
-    Fingerprint, OpenOptions, Part, Samples, Source, SourceInfo, Window, check_window, stated,
-};
+use crate::source::{OpenOptions, Part, Source, SourceInfo, stated};
 
 /// Side of a block in samples of the target.
 const BLOCK: u32 = 128;
 /// Side of the source's window of a block, at most about that.
 const SOURCE_SIDE: f64 = 4096.0;
-/// Bytes of blocks kept: two rows of them for all but the widest rasters, as bands of rows share a row of blocks.
-const KEPT: usize = 64 << 20;
 
 /// Opens rasters as one, on the grid that is asked for.
 pub fn open_all(
@@ -39,11 +33,11 @@ pub fn open_all(
     options: &OpenOptions,
     limits: &Limits,
 ) -> Result<Box<dyn Source>> {
-    let mut parts = open_parts(paths, warp, options, limits)?.into_iter();
-    match (parts.next(), parts.next()) {
-        (Some((_, only)), None) => Ok(only),
-        (None, _) => Err(Error::usage("there is no DEM to read")),
-        _ => Err(Error::unsupported("several DEMs", "build them one by one")),
+    let mut parts = open_parts(paths, warp, options, limits)?;
+    match parts.len() {
+        0 => Err(Error::usage("there is no DEM to read")),
+        1 => Ok(parts.remove(0).1),
+        _ => Ok(Box::new(Mosaic::join(parts, options, limits)?)),
     }
 }
 
@@ -72,11 +66,12 @@ fn open_parts(
         .map(|original| plan(original).map_err(|error| error.at(&original.path)))
         .collect::<Result<_>>()?;
     let whole = Lattice::union(&lattices, warp.resolution, limits)?;
+    let shared = Arc::new(Shared::default());
     let mut parts = Vec::new();
-    for (original, own) in looked_at.iter().zip(&lattices) {
+    for (number, (original, own)) in looked_at.iter().zip(&lattices).enumerate() {
         let (columns, rows) = whole.covered(own.bounds());
         let lattice = whole.part(&columns, &rows);
-        let source = Warped::new(original, lattice, target.as_ref(), warp)
+        let source = warped(original, lattice, target.as_ref(), warp, (number, &shared))
             .map_err(|error| error.at(&original.path))?;
         parts.push((original.path.clone(), stated::apply(Box::new(source), options)));
     }
@@ -160,152 +155,6 @@ fn check_vertical(own: &Horizontal, target: &Horizontal) -> Result<()> {
         ));
     }
     Ok(())
-}
-
-/// A raster on another grid than its own.
-struct Warped {
-    path: PathBuf,
-    files: Vec<PathBuf>,
-    info: SourceInfo,
-    request: Request,
-    side: u32,
-    /// Operations that no thread is using.
-    idle: Mutex<Vec<Operation>>,
-    kept: Mutex<Kept>,
-}
-
-impl Warped {
-    fn new(original: &Original, lattice: Lattice, target: Option<&Horizontal>, warp: &Warp) -> Result<Self> {
-        let (source_srs, target_srs) = original.systems(target)?;
-        let own = &original.info;
-        let (sample_type, nodata) = target_samples(own)?;
-        let scale = (ratio(lattice.width, own.width), ratio(lattice.height, own.height));
-        let coarser = (1.0 / scale.0).max(1.0 / scale.1);
-        if coarser > SOURCE_SIDE {
-            return Err(Error::limit("the ratio of the resolutions", coarser as u64, SOURCE_SIDE as u64));
-        }
-        let side = ((SOURCE_SIDE / coarser) as u32).clamp(1, BLOCK);
-        let request = Request {
-            source_srs,
-            target_srs,
-            lattice,
-            resampling: warp.resampling,
-            source_nodata: own.nodata.or(own.sample_type.is_float().then_some(f64::NAN)),
-            nodata,
-            sample_type,
-            alpha: original.alpha,
-            scale,
-        };
-        let info = warped_info(original, &request, target, side);
-        let first = Operation::new(dataset(&original.path)?, &request)?;
-        Ok(Self {
-            path: original.path.clone(),
-            files: original.files.clone(),
-            info,
-            request,
-            side,
-            idle: Mutex::new(vec![first]),
-            kept: Mutex::default(),
-        })
-    }
-
-    /// A block by its column and row of blocks, made if it is not kept.
-    fn block(&self, id: (u32, u32)) -> Result<Arc<Samples>> {
-        if let Some(block) = lock(&self.kept).get(id) {
-            return Ok(block);
-        }
-        let idle = lock(&self.idle).pop();
-        let operation = match idle {
-            Some(operation) => operation,
-            None => Operation::new(dataset(&self.path)?, &self.request)?,
-        };
-        let (x, y) = (id.0 * self.side, id.1 * self.side);
-        let (width, height) = (self.side.min(self.info.width - x), self.side.min(self.info.height - y));
-        let block = operation.block([x, y, width, height]);
-        lock(&self.idle).push(operation);
-        let block = Arc::new(block?);
-        lock(&self.kept).put(id, &block);
-        Ok(block)
-    }
-}
-
-impl Source for Warped {
-    fn info(&self) -> &SourceInfo {
-        &self.info
-    }
-
-    fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window> {
-        check_window(&self.info, &columns, &rows)?;
-        let mut samples = filled(self.info.sample_type, columns.len() * rows.len(), 0.0);
-        let blocks = |range: &Range<u32>| range.start / self.side..range.end.div_ceil(self.side);
-        let ids: Vec<(u32, u32)> = blocks(&rows)
-            .flat_map(|y| blocks(&columns).map(move |x| (x, y)))
-            .filter(|_| !columns.is_empty() && !rows.is_empty())
-            .collect();
-        // A few at a time, so that a wide window does not have all of them in memory twice.
-        for some in ids.chunks(8 * rayon::current_num_threads().max(1)) {
-            let made: Vec<_> = some
-                .par_iter()
-                .map(|&id| self.block(id))
-                .collect::<Result<_>>()
-                .map_err(|error| error.at(&self.path))?;
-            for (&(x, y), block) in some.iter().zip(&made) {
-                let (left, top) = (x * self.side, y * self.side);
-                let width = self.side.min(self.info.width - left);
-                let height = self.side.min(self.info.height - top);
-                let common = |range: &Range<u32>, start: u32, length: u32| {
-                    range.start.max(start)..range.end.min(start + length)
-                };
-                let (across, down) = (common(&columns, left, width), common(&rows, top, height));
-                for row in down {
-                    let from = (row - top) as usize * width as usize + (across.start - left) as usize;
-                    let to =
-                        (row - rows.start) as usize * columns.len() + (across.start - columns.start) as usize;
-                    copy(block, from, &mut samples, to, across.len());
-                }
-            }
-        }
-        Ok(Window { samples, mask: None })
-    }
-
-    fn fingerprint(&self) -> Result<Fingerprint> {
-        files::fingerprint(&self.files)
-    }
-}
-
-/// Blocks that are kept, the least recently used ones going first.
-#[derive(Default)]
-struct Kept {
-    blocks: HashMap<(u32, u32), (u64, Arc<Samples>)>,
-    bytes: usize,
-    clock: u64,
-}
-
-impl Kept {
-    fn get(&mut self, id: (u32, u32)) -> Option<Arc<Samples>> {
-        self.clock += 1;
-        let entry = self.blocks.get_mut(&id)?;
-        entry.0 = self.clock;
-        Some(Arc::clone(&entry.1))
-    }
-
-    fn put(&mut self, id: (u32, u32), block: &Arc<Samples>) {
-        let size = |block: &Samples| block.len() * block.sample_type().bytes();
-        self.clock += 1;
-        self.bytes += size(block);
-        if let Some((_, old)) = self.blocks.insert(id, (self.clock, Arc::clone(block))) {
-            self.bytes -= size(&old);
-        }
-        while self.bytes > KEPT {
-            let oldest = self.blocks.iter().min_by_key(|(_, entry)| entry.0).map(|(&id, _)| id);
-            let Some((_, block)) = oldest.and_then(|id| self.blocks.remove(&id)) else { break };
-            self.bytes -= size(&block);
-        }
-    }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Target samples of one of the source, along one axis, as `gdalwarp` takes it from a raster that it warps in one go:
@@ -401,17 +250,37 @@ fn command(request: &Request, target: Option<&Horizontal>) -> String {
     words.join(" ")
 }
 
-/// Copies some samples of a row; both must be of one type.
-fn copy(from: &Samples, start: usize, to: &mut Samples, at: usize, count: usize) {
-    macro_rules! rows {
-        ($($kind:ident),*) => {
-            match (from, to) {
-                $((Samples::$kind(from), Samples::$kind(to)) => {
-                    to[at..at + count].copy_from_slice(&from[start..start + count]);
-                })*
-                _ => {}
-            }
-        };
+/// The raster of a part of the grid.
+fn warped(
+    original: &Original,
+    lattice: Lattice,
+    target: Option<&Horizontal>,
+    warp: &Warp,
+    (number, shared): (usize, &Arc<Shared>),
+) -> Result<Warped> {
+    let (source_srs, target_srs) = original.systems(target)?;
+    let own = &original.info;
+    let (sample_type, nodata) = target_samples(own)?;
+    let scale = (ratio(lattice.width, own.width), ratio(lattice.height, own.height));
+    let coarser = (1.0 / scale.0).max(1.0 / scale.1);
+    if coarser > SOURCE_SIDE {
+        return Err(Error::limit("the ratio of the resolutions", coarser as u64, SOURCE_SIDE as u64));
     }
-    rows!(Int8, Uint8, Int16, Uint16, Int32, Uint32, Float32, Float64);
+    let side = ((SOURCE_SIDE / coarser) as u32).clamp(1, BLOCK);
+    let request = Request {
+        source_srs,
+        target_srs,
+        lattice,
+        resampling: warp.resampling,
+        source_nodata: own.nodata.or(own.sample_type.is_float().then_some(f64::NAN)),
+        nodata,
+        sample_type,
+        alpha: original.alpha,
+        scale,
+    };
+    let (path, files, shared) = (original.path.clone(), original.files.clone(), Arc::clone(shared));
+    let info = warped_info(original, &request, target, side);
+    let warped = Warped { path, files, info, request, side, number, shared };
+    warped.check()?;
+    Ok(warped)
 }

@@ -138,6 +138,7 @@ fn describe(
         geo: place.geo,
         parts: vec![Part { name: file_name(path), description: description.clone() }],
         footprint: None,
+        overlap: None,
         description,
         block_rows,
     })

@@ -1,0 +1,295 @@
+//! A window of a mosaic while members are put together, one after the other, in the type of the result.
+
+use std::ops::Range;
+
+use super::member::Member;
+use crate::error::{Error, Result};
+use crate::sample::SampleType;
+use crate::source::{Overlap, Rect, Samples, Window};
+
+/// A sample type.
+pub(super) trait Number: Copy + PartialOrd + Send + Sync + Default {
+    /// The number itself.
+    fn value(self) -> f64;
+    /// The nearest number of this type, of two as near the one away from zero; for a value outside, the last one.
+    fn nearest(value: f64) -> Self;
+    /// Neither NaN nor infinite.
+    fn is_finite(self) -> bool;
+    /// Samples of this type.
+    fn pack(samples: Vec<Self>) -> Samples;
+    /// The samples, if they are of this type.
+    fn unpack(samples: &Samples) -> Option<&[Self]>;
+
+    /// The number that equals a value, if there is one.
+    fn exact(value: f64) -> Option<Self> {
+        Some(Self::nearest(value)).filter(|number| number.value() == value)
+    }
+}
+
+macro_rules! number {
+    ($type:ty, $variant:ident, $nearest:expr, $finite:expr) => {
+        impl Number for $type {
+            #[inline]
+            fn value(self) -> f64 {
+                self.into()
+            }
+            #[inline]
+            fn nearest(value: f64) -> Self {
+                $nearest(value) as $type
+            }
+            #[inline]
+            fn is_finite(self) -> bool {
+                $finite(self)
+            }
+            fn pack(samples: Vec<Self>) -> Samples {
+                Samples::$variant(samples)
+            }
+            fn unpack(samples: &Samples) -> Option<&[Self]> {
+                match samples {
+                    Samples::$variant(samples) => Some(samples),
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+number!(i8, Int8, f64::round, |_| true);
+number!(u8, Uint8, f64::round, |_| true);
+number!(i16, Int16, f64::round, |_| true);
+number!(u16, Uint16, f64::round, |_| true);
+number!(i32, Int32, f64::round, |_| true);
+number!(u32, Uint32, f64::round, |_| true);
+number!(f32, Float32, std::convert::identity, f32::is_finite);
+number!(f64, Float64, std::convert::identity, f64::is_finite);
+
+/// Runs `$body` with the number type of a sample type as `$number`.
+macro_rules! with_number {
+    ($kind:expr, $number:ident => $body:expr) => {
+        match $kind {
+            SampleType::Int8 => {
+                type $number = i8;
+                $body
+            }
+            SampleType::Uint8 => {
+                type $number = u8;
+                $body
+            }
+            SampleType::Int16 => {
+                type $number = i16;
+                $body
+            }
+            SampleType::Uint16 => {
+                type $number = u16;
+                $body
+            }
+            SampleType::Int32 => {
+                type $number = i32;
+                $body
+            }
+            SampleType::Uint32 => {
+                type $number = u32;
+                $body
+            }
+            SampleType::Float32 => {
+                type $number = f32;
+                $body
+            }
+            SampleType::Float64 => {
+                type $number = f64;
+                $body
+            }
+        }
+    };
+}
+
+/// True if samples of this type can have a value (NaN too, of floats).
+pub(super) fn holds(kind: SampleType, value: f64) -> bool {
+    let exact = with_number!(kind, T => T::exact(value).is_some());
+    exact || value.is_nan() && kind.is_float()
+}
+
+/// True if a type has every value of another.
+pub(crate) fn holds_all(wide: SampleType, narrow: SampleType) -> bool {
+    // Bits of a whole number that a type holds, and whether it has a sign.
+    let bits = |kind| match kind {
+        SampleType::Int8 => (7, true),
+        SampleType::Uint8 => (8, false),
+        SampleType::Int16 => (15, true),
+        SampleType::Uint16 => (16, false),
+        SampleType::Int32 => (31, true),
+        SampleType::Uint32 => (32, false),
+        SampleType::Float32 => (24, true),
+        SampleType::Float64 => (53, true),
+    };
+    let ((wide_bits, wide_sign), (bits, sign)) = (bits(wide), bits(narrow));
+    wide_bits >= bits && (wide_sign || !sign) && (wide.is_float() || !narrow.is_float())
+}
+
+/// A window being put together.
+pub(super) struct Canvas<T> {
+    area: Rect,
+    overlap: Overlap,
+    fill: Option<f64>,
+    samples: Vec<T>,
+    /// 1 where there is a valid sample.
+    valid: Vec<u8>,
+    /// Sum and number of samples, for their mean.
+    sums: Vec<(f64, u32)>,
+}
+
+/// One row of a member.
+struct Row<T> {
+    samples: Vec<T>,
+    values: Vec<f64>,
+    valid: Vec<u8>,
+}
+
+impl<T: Number> Canvas<T> {
+    /// A window without a valid sample; voids hold `fill`, or else the mask of the result says where they are.
+    pub(super) fn new(
+        columns: &Range<u32>,
+        rows: &Range<u32>,
+        overlap: Overlap,
+        fill: Option<f64>,
+    ) -> Result<Self> {
+        let count = columns.len().saturating_mul(rows.len());
+        let void = fill.map_or(T::default(), T::nearest);
+        let sums = if overlap == Overlap::Mean { count } else { 0 };
+        Ok(Self {
+            area: Rect { columns: columns.clone(), rows: rows.clone() },
+            overlap,
+            fill,
+            samples: filled(void, count)?,
+            valid: filled(0, count)?,
+            sums: filled((0.0, 0), sums)?,
+        })
+    }
+
+    /// Adds what a member has of the window; samples that equal `nodata` are void.
+    pub(super) fn paint(&mut self, member: &Member, window: &Window, nodata: Option<T>) {
+        let area = member.common(&self.area.columns, &self.area.rows);
+        let width = area.columns.len();
+        let (mut at, stride) = (
+            (area.rows.start - self.area.rows.start) as usize * self.area.columns.len()
+                + (area.columns.start - self.area.columns.start) as usize,
+            self.area.columns.len(),
+        );
+        let mut row = Row { samples: Vec::new(), values: Vec::new(), valid: vec![0; width] };
+        for y in 0..area.rows.len() {
+            let own = y * width..(y + 1) * width;
+            row.take_validity(window, &own, member.nodata);
+            row.take_samples(member, &window.samples, &own);
+            if let Some(nodata) = nodata {
+                let valid = row.samples.iter().zip(&mut row.valid);
+                valid.for_each(|(&sample, valid)| *valid &= u8::from(sample != nodata));
+            }
+            self.add(at, &row.samples, &row.valid);
+            at += stride;
+        }
+    }
+
+    /// Adds a run of samples that begins at an index.
+    fn add(&mut self, at: usize, samples: &[T], valid: &[u8]) {
+        let run = at..at + samples.len();
+        let (out, known) = (&mut self.samples[run.clone()], &mut self.valid[run.clone()]);
+        let places = out.iter_mut().zip(known).zip(samples.iter().zip(valid));
+        match self.overlap {
+            Overlap::First => put(places, |_, _| false),
+            Overlap::Last => put(places, |_, _| true),
+            Overlap::Min => put(places, |new, old| new < old),
+            Overlap::Max => put(places, |new, old| new > old),
+            Overlap::Mean => {
+                for (((_, known), (&sample, &valid)), (sum, count)) in places.zip(&mut self.sums[run]) {
+                    if valid != 0 {
+                        *sum = if *count == 0 { sample.value() } else { *sum + sample.value() };
+                        *count = count.saturating_add(1);
+                        *known = 1;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The window.
+    pub(super) fn finish(mut self) -> Window {
+        for (sample, &(sum, count)) in self.samples.iter_mut().zip(&self.sums) {
+            if count > 0 {
+                // A sum of float64 may leave their range, their mean does not.
+                *sample = T::nearest((sum / f64::from(count)).clamp(f64::MIN, f64::MAX));
+            }
+        }
+        let masked = self.fill.is_none() && self.valid.contains(&0);
+        Window { samples: T::pack(self.samples), mask: masked.then_some(self.valid) }
+    }
+}
+
+/// Puts valid samples where there is none, or where they count before the one that is there.
+#[inline]
+fn put<'a, T: Number + 'a>(
+    places: impl Iterator<Item = ((&'a mut T, &'a mut u8), (&'a T, &'a u8))>,
+    before: impl Fn(T, T) -> bool,
+) {
+    for ((out, known), (&sample, &valid)) in places {
+        let counts = valid != 0 && (*known == 0 || before(sample, *out));
+        *out = if counts { sample } else { *out };
+        *known |= valid;
+    }
+}
+
+impl<T: Number> Row<T> {
+    /// 1 where a sample of a member is valid.
+    fn take_validity(&mut self, window: &Window, own: &Range<usize>, nodata: Option<f64>) {
+        with_number!(window.samples.sample_type(), S => {
+            if let Some(samples) = S::unpack(&window.samples) {
+                check(&samples[own.clone()], nodata.and_then(S::exact), &mut self.valid);
+            }
+        });
+        if let Some(mask) = &window.mask {
+            let masked = self.valid.iter_mut().zip(&mask[own.clone()]);
+            masked.for_each(|(valid, &mask)| *valid &= u8::from(mask != 0));
+        }
+    }
+
+    /// Samples of a member in the type of the mosaic. What stands at voids means nothing.
+    fn take_samples(&mut self, member: &Member, samples: &Samples, own: &Range<usize>) {
+        self.samples.clear();
+        if let (Some(same), None) = (T::unpack(samples), member.scaled) {
+            self.samples.extend_from_slice(&same[own.clone()]);
+            return;
+        }
+        self.values.clear();
+        with_number!(samples.sample_type(), S => {
+            if let Some(samples) = S::unpack(samples) {
+                self.values.extend(samples[own.clone()].iter().map(|&sample| sample.value()));
+            }
+        });
+        if let Some(scaled) = member.scaled {
+            for (value, valid) in self.values.iter_mut().zip(&mut self.valid) {
+                *value = scaled.of(*value);
+                *valid &= u8::from(value.is_finite());
+            }
+        }
+        self.samples.extend(self.values.iter().map(|&value| T::nearest(value)));
+    }
+}
+
+/// 1 where a sample is finite and not the void value.
+fn check<S: Number>(samples: &[S], nodata: Option<S>, valid: &mut [u8]) {
+    let places = samples.iter().zip(valid);
+    match nodata {
+        Some(nodata) => {
+            places.for_each(|(&sample, valid)| *valid = u8::from(sample.is_finite() & (sample != nodata)));
+        }
+        None => places.for_each(|(&sample, valid)| *valid = u8::from(sample.is_finite())),
+    }
+}
+
+/// So many equal elements.
+fn filled<E: Clone>(element: E, count: usize) -> Result<Vec<E>> {
+    let mut all = Vec::new();
+    all.try_reserve_exact(count)
+        .map_err(|_| Error::usage(format!("not enough memory for a window of {count} samples")))?;
+    all.resize(count, element);
+    Ok(all)
+}

@@ -1,0 +1,135 @@
+//! One raster of a mosaic: where it lies, how its samples become those of the mosaic.
+
+use std::ops::Range;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crate::error::{Error, Result};
+use crate::sample::SampleType;
+use crate::source::{Rect, Source, SourceInfo};
+
+/// Opens a raster again.
+pub(crate) type Opener = Box<dyn Fn() -> Result<Box<dyn Source>> + Send + Sync>;
+
+/// The samples of a member.
+pub(crate) enum Held {
+    /// Open all the time.
+    Open(Arc<dyn Source>),
+    /// Opened when they are needed.
+    Lazy(Opener),
+}
+
+/// How samples change on their way into the mosaic: `offset + ratio * sample`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Scaled {
+    /// Factor.
+    pub(crate) ratio: f64,
+    /// Summand.
+    pub(crate) offset: f64,
+    /// True if the result is rounded to a float32 on its way, as GDAL does for short types.
+    pub(crate) single: bool,
+}
+
+impl Scaled {
+    /// The value of a sample.
+    #[inline]
+    pub(crate) fn of(self, value: f64) -> f64 {
+        let value = self.offset + self.ratio * value;
+        if self.single { f64::from(value as f32) } else { value }
+    }
+}
+
+/// One raster of a mosaic.
+pub(crate) struct Member {
+    /// Its file.
+    pub(crate) path: PathBuf,
+    /// Where it lies in the mosaic, at least one sample, inside it.
+    pub(crate) rect: Rect,
+    /// Column and row of the raster that are the first of `rect`.
+    pub(crate) origin: (u32, u32),
+    /// Columns and rows of the raster.
+    pub(crate) size: (u32, u32),
+    /// Type of its samples.
+    pub(crate) sample_type: SampleType,
+    /// The value that means void in it.
+    pub(crate) nodata: Option<f64>,
+    /// How its samples change.
+    pub(crate) scaled: Option<Scaled>,
+    /// Where in the mosaic it can have valid samples.
+    pub(crate) footprint: Vec<Rect>,
+    /// Its samples.
+    pub(crate) held: Held,
+}
+
+impl Rect {
+    /// Number of samples.
+    pub(crate) fn area(&self) -> usize {
+        self.columns.len() * self.rows.len()
+    }
+
+    /// What two rectangles have in common; empty if they have nothing.
+    pub(crate) fn common(&self, columns: &Range<u32>, rows: &Range<u32>) -> Self {
+        let both = |a: &Range<u32>, b: &Range<u32>| {
+            let (start, end) = (a.start.max(b.start), a.end.min(b.end));
+            start..end.max(start)
+        };
+        Self { columns: both(&self.columns, columns), rows: both(&self.rows, rows) }
+    }
+}
+
+impl Member {
+    /// What it has of a window of the mosaic.
+    pub(super) fn common(&self, columns: &Range<u32>, rows: &Range<u32>) -> Rect {
+        self.rect.common(columns, rows)
+    }
+
+    /// A rectangle of the mosaic, inside `rect`, in columns and rows of the raster.
+    pub(super) fn own(&self, rect: &Rect) -> Rect {
+        let shift = |range: &Range<u32>, from: u32, to: u32| range.start - from + to..range.end - from + to;
+        Rect {
+            columns: shift(&rect.columns, self.rect.columns.start, self.origin.0),
+            rows: shift(&rect.rows, self.rect.rows.start, self.origin.1),
+        }
+    }
+
+    /// True if it has all of a window.
+    pub(super) fn covers(&self, columns: &Range<u32>, rows: &Range<u32>) -> bool {
+        let common = self.common(columns, rows);
+        common.columns == *columns && common.rows == *rows
+    }
+
+    /// True if its samples, mask and voids are those of the mosaic as they stand.
+    pub(super) fn is_plain(&self, mosaic: &SourceInfo) -> bool {
+        let nodata = self.nodata.filter(|value| !value.is_nan());
+        self.sample_type == mosaic.sample_type
+            && self.scaled.is_none()
+            && (nodata.is_none() || nodata == mosaic.nodata)
+    }
+
+    /// Opens it, or hands out what is open.
+    pub(super) fn open(&self) -> Result<Arc<dyn Source>> {
+        let open = match &self.held {
+            Held::Open(source) => return Ok(Arc::clone(source)),
+            Held::Lazy(open) => open,
+        };
+        let source = open().map_err(|error| error.at(&self.path))?;
+        let info = source.info();
+        let (now, before) =
+            ((info.width, info.height, info.sample_type), (self.size.0, self.size.1, self.sample_type));
+        if now != before {
+            let text = |(width, height, kind): (u32, u32, SampleType)| {
+                format!("{width} x {height} samples of type {}", kind.gdal_name())
+            };
+            let got = format!("{} (it has been replaced: start again)", text(now));
+            return Err(Error::format("the raster", text(before), got).at(&self.path));
+        }
+        Ok(Arc::from(source))
+    }
+
+    /// Lets go of what its source keeps for a next window.
+    pub(super) fn release(&self) {
+        if let Held::Open(source) = &self.held {
+            source.release();
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Many rasters as one: a lattice that holds them all, and of each place the sample that counts.
+//!
+//! A window is read from the members that it meets and from no others, in parallel, and put together in their order:
+//! the result does not depend on the number of threads. A member that covers a window alone is handed through as it
+//! is. Files are opened when they are needed and closed when a sweep has passed them, so that ten thousand are as good
+//! as ten, and each decodes no block twice in a sweep (see `pool` for the one exception).
+//!
+//! A void never hides a valid sample, whatever the order. Samples come in the narrowest type that holds those of all
+//! members exactly. What is void is one of three: equal to the nodata value that all members share, NaN in floats, or
+//! masked out where integers come with different nodata values.
+
+mod canvas;
+mod index;
+mod join;
+mod lattice;
+mod member;
+mod pool;
+mod same;
+
+use std::ops::Range;
+use std::path::PathBuf;
+
+use rayon::prelude::*;
+
+pub(crate) use self::canvas::holds_all;
+use self::canvas::{Canvas, Number};
+use self::index::Index;
+pub use self::join::Piece;
+pub(crate) use self::join::{Rule, common_nodata, kinds, member, parts, vertical_unit};
+pub(crate) use self::member::{Member, Scaled};
+use self::pool::Pool;
+pub(crate) use self::same::{same_crs, same_unit};
+use super::{FileStamp, Fingerprint, Overlap, Rect, Source, SourceInfo, Window, check_window};
+use crate::error::Result;
+use crate::sample::SampleType;
+
+/// Samples of members read ahead of putting them together, as a multiple of the window's.
+const AHEAD: usize = 2;
+
+/// Several rasters on one lattice.
+pub struct Mosaic {
+    info: SourceInfo,
+    members: Vec<Member>,
+    index: Index,
+    pool: Pool,
+    overlap: Overlap,
+    /// What a void sample holds; without it a mask says where they are.
+    fill: Option<f64>,
+    /// True if a valid sample of a member that equals `info.nodata` is void.
+    nodata_of_all: bool,
+    /// Files that say how the members lie.
+    beside: Vec<PathBuf>,
+}
+
+/// What a mosaic is made of.
+pub(crate) struct Assembly {
+    /// Size, type, place; parts and footprint are those of the members.
+    pub(crate) info: SourceInfo,
+    /// In their order, first to last.
+    pub(crate) members: Vec<Member>,
+    /// Which of several samples counts.
+    pub(crate) overlap: Overlap,
+    /// True if a valid sample of a member that equals `info.nodata` is void.
+    pub(crate) nodata_of_all: bool,
+    /// Files that say how the members lie.
+    pub(crate) beside: Vec<PathBuf>,
+}
+
+impl Mosaic {
+    /// Puts members together whose types the mosaic's type holds exactly (unless they are scaled).
+    pub(crate) fn assemble(assembly: Assembly) -> Self {
+        let Assembly { mut info, members, overlap, nodata_of_all, beside } = assembly;
+        info.footprint = footprint(&info, &members);
+        info.overlap = (members.len() > 1).then_some(overlap);
+        let index = Index::new(info.height, &members);
+        let in_band = |value: &f64| canvas::holds(info.sample_type, *value);
+        let fill = info.nodata.filter(in_band).or(info.sample_type.is_float().then_some(f64::NAN));
+        Self { info, members, index, pool: Pool::default(), overlap, fill, nodata_of_all, beside }
+    }
+
+    /// The samples of a window as the members give them, put together.
+    fn compose<T: Number>(
+        &self,
+        columns: &Range<u32>,
+        rows: &Range<u32>,
+        wanted: &[usize],
+    ) -> Result<Window> {
+        let mut canvas = Canvas::<T>::new(columns, rows, self.overlap, self.fill)?;
+        let nodata = self.info.nodata.filter(|_| self.nodata_of_all).and_then(T::exact);
+        let mut rest = wanted;
+        while !rest.is_empty() {
+            let (batch, later) = rest.split_at(self.batch(rest, columns, rows));
+            let read = |&index: &usize| self.read_member(index, columns, rows);
+            let windows: Vec<Result<Window>> = batch.par_iter().map(read).collect();
+            for (&index, window) in batch.iter().zip(windows) {
+                canvas.paint(&self.members[index], &window?, nodata);
+            }
+            rest = later;
+        }
+        Ok(canvas.finish())
+    }
+
+    /// How many members to read at a time: as many as take twice the memory of the window, at least one.
+    fn batch(&self, members: &[usize], columns: &Range<u32>, rows: &Range<u32>) -> usize {
+        let most = AHEAD * columns.len() * rows.len();
+        let mut samples = 0_usize;
+        let fits = |index: &&usize| {
+            samples = samples.saturating_add(self.members[**index].common(columns, rows).area());
+            samples <= most
+        };
+        members.iter().take_while(fits).count().max(1)
+    }
+
+    /// What a member has of a window of the mosaic.
+    fn read_member(&self, index: usize, columns: &Range<u32>, rows: &Range<u32>) -> Result<Window> {
+        let member = &self.members[index];
+        let own = member.own(&member.common(columns, rows));
+        let source = self.pool.source(index, member)?;
+        source.read_window(own.columns, own.rows).map_err(|error| error.at(&member.path))
+    }
+}
+
+impl Source for Mosaic {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window> {
+        check_window(&self.info, &columns, &rows)?;
+        self.pool.leave(&self.members, &rows);
+        let wanted = self.index.meeting(&self.members, &columns, &rows);
+        if let &[index] = &wanted[..]
+            && self.members[index].is_plain(&self.info)
+            && self.members[index].covers(&columns, &rows)
+        {
+            return self.read_member(index, &columns, &rows);
+        }
+        match self.info.sample_type {
+            SampleType::Int8 => self.compose::<i8>(&columns, &rows, &wanted),
+            SampleType::Uint8 => self.compose::<u8>(&columns, &rows, &wanted),
+            SampleType::Int16 => self.compose::<i16>(&columns, &rows, &wanted),
+            SampleType::Uint16 => self.compose::<u16>(&columns, &rows, &wanted),
+            SampleType::Int32 => self.compose::<i32>(&columns, &rows, &wanted),
+            SampleType::Uint32 => self.compose::<u32>(&columns, &rows, &wanted),
+            SampleType::Float32 => self.compose::<f32>(&columns, &rows, &wanted),
+            SampleType::Float64 => self.compose::<f64>(&columns, &rows, &wanted),
+        }
+    }
+
+    fn fingerprint(&self) -> Result<Fingerprint> {
+        let mut files: Vec<FileStamp> =
+            self.beside.iter().map(|path| FileStamp::of(path)).collect::<Result<_>>()?;
+        for member in &self.members {
+            let stamps = member.open().and_then(|source| source.fingerprint());
+            files.extend(stamps.map_err(|error| error.at(&member.path))?.files);
+        }
+        Ok(Fingerprint { files })
+    }
+
+    fn release(&self) {
+        self.pool.clear();
+        self.members.iter().for_each(Member::release);
+    }
+}
+
+/// Where valid samples can be; `None` if one member has it all.
+fn footprint(info: &SourceInfo, members: &[Member]) -> Option<Vec<Rect>> {
+    let all = Rect { columns: 0..info.width, rows: 0..info.height };
+    let rects: Vec<Rect> = members.iter().flat_map(|member| member.footprint.iter().cloned()).collect();
+    (!rects.contains(&all)).then_some(rects)
+}

@@ -1,0 +1,82 @@
+//! Do rasters stand in the same coordinates, horizontally and vertically?
+
+use std::path::Path;
+
+use crate::error::{Error, Result};
+use crate::geo::{Crs, CrsKind};
+use crate::source::SourceInfo;
+
+/// How much two numbers that mean the same may differ in files, as a share.
+const ROUNDING: f64 = 1e-9;
+
+/// Refuses two rasters whose coordinate systems differ, or may.
+pub(crate) fn same_crs(a: (&Path, &SourceInfo), b: (&Path, &SourceInfo)) -> Result<()> {
+    let (one, other) = (&a.1.geo.crs, &b.1.geo.crs);
+    let vertical = one.vertical_epsg.zip(other.vertical_epsg);
+    if are_same(one, other) && vertical.is_none_or(|(one, other)| one == other) {
+        return Ok(());
+    }
+    Err(Error::usage(format!(
+        "{}: its coordinate system is {}, that of {} is {}; give --crs to bring both into one (in a build with \
+         --features gdal), or gdal_edit.py -a_srs if a file is wrong about itself",
+        b.0.display(),
+        name(other),
+        a.0.display(),
+        name(one)
+    )))
+}
+
+/// Refuses two rasters whose heights are in different units.
+pub(crate) fn same_unit(a: (&Path, &SourceInfo), b: (&Path, &SourceInfo)) -> Result<()> {
+    let (one, other) = (&a.1.vertical_unit, &b.1.vertical_unit);
+    if near(one.0, other.0) {
+        return Ok(());
+    }
+    let unit = |unit: &(f64, String)| match unit.1.as_str() {
+        "" => "metres (it says nothing of them)".to_owned(),
+        name => format!("{name} ({} m)", unit.0),
+    };
+    Err(Error::usage(format!(
+        "{}: its heights are in {}, those of {} in {}; give --vertical-unit if all are in one unit, or convert one",
+        b.0.display(),
+        unit(other),
+        a.0.display(),
+        unit(one)
+    )))
+}
+
+/// Horizontal parts that mean the same: by EPSG code; by name and measures if one has no code; of two without, by all
+/// that the files say. A raster without any coordinate system is like no other than its kind.
+pub(crate) fn are_same(a: &Crs, b: &Crs) -> bool {
+    if a.kind != b.kind || !near(a.unit, b.unit) {
+        return false;
+    }
+    if a.kind == CrsKind::Engineering {
+        return a.name == b.name;
+    }
+    let ellipsoids = near(a.ellipsoid.a, b.ellipsoid.a)
+        && near(a.ellipsoid.inverse_flattening, b.ellipsoid.inverse_flattening);
+    match (a.epsg, b.epsg) {
+        (Some(a), Some(b)) => a == b,
+        (None, None) => {
+            let keys = a.keys.is_some() && a.keys == b.keys;
+            keys || !a.wkt.is_empty() && a.wkt == b.wkt
+        }
+        _ => ellipsoids && !a.name.is_empty() && a.name.eq_ignore_ascii_case(&b.name),
+    }
+}
+
+fn near(a: f64, b: f64) -> bool {
+    (a - b).abs() <= ROUNDING * a.abs().max(b.abs())
+}
+
+/// A coordinate system, for people.
+pub(crate) fn name(crs: &Crs) -> String {
+    match (crs.epsg, crs.vertical_epsg, crs.name.as_str()) {
+        (Some(code), Some(vertical), _) => format!("EPSG:{code}+{vertical}"),
+        (Some(code), None, _) => format!("EPSG:{code}"),
+        (None, _, "") if crs.kind == CrsKind::Engineering => "not given".to_owned(),
+        (None, _, "") => "user-defined".to_owned(),
+        (None, _, name) => format!("\u{201c}{name}\u{201d}"),
+    }
+}

@@ -1,0 +1,214 @@
+//! GDAL's virtual rasters, natively: files side by side or on top of one another, sample for sample.
+//!
+//! Read are band 1 with simple and complex sources that are not resampled, their nodata, ratio and offset, and VRTs
+//! within VRTs. Whatever else a VRT can be is [`Error::Unsupported`], and left to GDAL where it is built in.
+//!
+//! Samples are GDAL's wherever GDAL has a valid one, but for places that no source has, which are void here and 0 to
+//! GDAL if the band has no nodata value. What is void is what the VRT says: `NODATA` of a complex source and
+//! `NoDataValue` of the band, not the nodata value that a file has for itself; what a file masks out is void as well.
+//! A void never hides a valid sample of an earlier source, as it does in GDAL where it comes from a simple source.
+
+mod srs;
+mod xml;
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+pub(super) use self::srs::of_code;
+use self::xml::{Vrt, VrtSource, unsupported};
+use super::mosaic::{self, Assembly, Member, Mosaic, Piece, Rule, Scaled};
+use super::{Nest, Overlap, Rect, SourceInfo, metadata};
+use crate::error::{Error, Result};
+use crate::geo::Geo;
+use crate::sample::SampleType;
+
+/// VRTs within VRTs, at most.
+const DEPTH: u32 = 8;
+/// How much of a pixel a source may be off whole ones: what is left of sums of world coordinates.
+const WHOLE: f64 = 0.01;
+
+/// Opens a VRT; `nodata` is what means void in every file, instead of what the VRT says.
+pub(super) fn open(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Mosaic> {
+    open_inner(path, nodata, nest).map_err(|error| error.at(path))
+}
+
+fn open_inner(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Mosaic> {
+    if nest.depth == DEPTH {
+        let got = "one more (does it contain itself?)";
+        return Err(Error::format("VRT", format!("at most {DEPTH} within one another"), got));
+    }
+    let text = text(path, nest)?;
+    let mut vrt = xml::read(&text, path, nest.limits)?;
+    let sources = std::mem::take(&mut vrt.sources);
+    let mut pieces: Vec<(Piece, VrtSource)> = Vec::with_capacity(sources.len());
+    let inner = Nest { depth: nest.depth + 1, ..*nest };
+    for mut source in sources {
+        nest.count()?;
+        source.nodata = nodata.or(source.nodata);
+        pieces.push((super::piece(&source.path, nodata, &inner)?, source));
+        let (piece, first) = (&pieces[pieces.len() - 1].0, &pieces[0].0);
+        mosaic::same_crs((&first.path, &first.info), (&piece.path, &piece.info))?;
+    }
+    vrt.nodata = nodata
+        .or(vrt.nodata)
+        .map(|value| metadata::rounded(value, vrt.sample_type))
+        .filter(|value| !value.is_nan());
+    let mut info = describe(&vrt, &pieces)?;
+    let mut members = Vec::with_capacity(pieces.len());
+    for (piece, source) in pieces {
+        members.extend(member(piece, &source, &vrt)?);
+    }
+    let nodata_of_all = info.nodata.is_some();
+    if !nodata_of_all && members.iter().all(|member| member.scaled.is_none()) {
+        let all: Vec<Option<f64>> = members.iter().map(|member| member.nodata).collect();
+        info.nodata = mosaic::common_nodata(&all);
+    }
+    let overlap = Overlap::Last;
+    Ok(Mosaic::assemble(Assembly { info, members, overlap, nodata_of_all, beside: vec![path.to_owned()] }))
+}
+
+/// All of a file that is not too long.
+fn text(path: &Path, nest: &Nest) -> Result<String> {
+    let read = || {
+        let file = File::open(path)?;
+        let mut bytes = Vec::new();
+        file.take(nest.limits.vrt_bytes + 1).read_to_end(&mut bytes)?;
+        Ok(bytes)
+    };
+    let bytes = read().map_err(|error| Error::io(path, "read", error))?;
+    if bytes.len() as u64 > nest.limits.vrt_bytes {
+        return Err(Error::limit(
+            "the length of the VRT in bytes",
+            bytes.len() as u64,
+            nest.limits.vrt_bytes,
+        ));
+    }
+    String::from_utf8(bytes).map_err(|error| Error::format("XML", "UTF-8", error))
+}
+
+/// What the VRT is; of its sources what it does not say itself.
+fn describe(vrt: &Vrt, pieces: &[(Piece, VrtSource)]) -> Result<SourceInfo> {
+    let infos = || pieces.iter().map(|(piece, _)| &piece.info);
+    let mut seen = BTreeSet::new();
+    let distinct: Vec<&SourceInfo> =
+        pieces.iter().filter(|(piece, _)| seen.insert(&piece.path)).map(|(piece, _)| &piece.info).collect();
+    let (first, _) = &pieces[0];
+    let scaled = pieces.iter().any(|(_, source)| source.scaled.is_some());
+    let (band_scale, band_offset) = match (vrt.scale, vrt.offset) {
+        (None, None) if !scaled => common_scale(pieces)?,
+        (scale, offset) => (scale.unwrap_or(1.0), offset.unwrap_or(0.0)),
+    };
+    let vertical_unit = match &vrt.unit {
+        Some(unit) if !unit.is_empty() => {
+            let said = metadata::vertical_unit(Some(unit), None);
+            // The same unit is named as the files name it.
+            let own = mosaic::vertical_unit(infos());
+            if own.0 == said.0 && !own.1.is_empty() { own } else { said }
+        }
+        _ if scaled => (1.0, String::new()),
+        _ => {
+            for (piece, _) in pieces {
+                mosaic::same_unit((&first.path, &first.info), (&piece.path, &piece.info))?;
+            }
+            mosaic::vertical_unit(infos())
+        }
+    };
+    let geo = Geo {
+        transform: vrt.transform,
+        pixel_is_point: vrt.pixel_is_point.unwrap_or_else(|| infos().all(|info| info.geo.pixel_is_point)),
+        crs: srs::resolve(vrt.srs.as_deref(), &first.info.geo.crs)?,
+    };
+    let (count, kinds) = (distinct.len(), mosaic::kinds(distinct.iter().copied()));
+    let description = match count {
+        1 => format!("VRT of one file: {kinds}"),
+        _ => format!("VRT mosaic of {count} files, {}: {kinds}", Overlap::Last.words()),
+    };
+    Ok(SourceInfo {
+        width: vrt.width,
+        height: vrt.height,
+        sample_type: vrt.sample_type,
+        nodata: vrt.nodata,
+        band_scale,
+        band_offset,
+        vertical_unit,
+        geo,
+        description,
+        parts: mosaic::parts(distinct.into_iter()),
+        footprint: None,
+        overlap: None,
+        block_rows: infos().map(|info| info.block_rows).max().unwrap_or(1),
+    })
+}
+
+/// GDAL scale and offset of all sources, of which the VRT says nothing.
+fn common_scale(pieces: &[(Piece, VrtSource)]) -> Result<(f64, f64)> {
+    let scale = |piece: &Piece| (piece.info.band_scale, piece.info.band_offset);
+    let (first, _) = &pieces[0];
+    match pieces.iter().find(|(piece, _)| scale(piece) != scale(first)) {
+        None => Ok(scale(first)),
+        Some((other, _)) => Err(Error::usage(format!(
+            "{}: scale and offset of its samples are {:?}, those of {} {:?}, and the VRT says nothing of them; \
+             give the files themselves, which are brought together then",
+            other.path.display(),
+            scale(other),
+            first.path.display(),
+            scale(first)
+        ))),
+    }
+}
+
+/// A source in its place; `None` if it has nothing in the VRT.
+fn member(piece: Piece, source: &VrtSource, vrt: &Vrt) -> Result<Option<Member>> {
+    let info = &piece.info;
+    let (kind, band) = (info.sample_type, vrt.sample_type);
+    // GDAL computes in float32 unless the band holds more.
+    let single = !matches!(band, SampleType::Int32 | SampleType::Uint32 | SampleType::Float64);
+    let computed = if single { SampleType::Float32 } else { SampleType::Float64 };
+    let into = if source.scaled.is_some() { computed } else { band };
+    if !mosaic::holds_all(into, kind) {
+        let what =
+            format!("{} samples of {} as {}", kind.gdal_name(), piece.path.display(), band.gdal_name());
+        return Err(unsupported(what));
+    }
+    let Some((rect, origin)) = place(source, (info.width, info.height), (vrt.width, vrt.height))? else {
+        return Ok(None);
+    };
+    let nodata = source.nodata.map(|value| metadata::rounded(value, kind));
+    let scaled = source.scaled.map(|(ratio, offset)| Scaled { ratio, offset, single });
+    Ok(Some(mosaic::member(piece, rect, origin, nodata, scaled)))
+}
+
+/// Where a source lies, and which of its columns and rows come first: its two rectangles, cut to what there is.
+fn place(source: &VrtSource, own: (u32, u32), all: (u32, u32)) -> Result<Option<(Rect, (u32, u32))>> {
+    let whole = |size: (u32, u32)| [0.0, 0.0, f64::from(size.0), f64::from(size.1)];
+    let [x0, y0, width, height] = integers(source.from.unwrap_or(whole(own)))?;
+    let [x1, y1, to_width, to_height] = integers(source.to.unwrap_or(whole(all)))?;
+    if (width, height) != (to_width, to_height) {
+        return Err(unsupported(format!(
+            "{} resampled from {width} x {height} to {to_width} x {to_height} samples",
+            source.path.display()
+        )));
+    }
+    let columns = cut(x0, x1, width, own.0, all.0);
+    let rows = cut(y0, y1, height, own.1, all.1);
+    Ok(columns.zip(rows).map(|((x0, columns), (y0, rows))| (Rect { columns, rows }, (x0, y0))))
+}
+
+/// A run of samples from `from` to `to`, cut to two lengths.
+fn cut(from: i64, to: i64, count: i64, own: u32, all: u32) -> Option<(u32, std::ops::Range<u32>)> {
+    let skip = (-from).max(-to).max(0);
+    let (from, to) = (from + skip, to + skip);
+    let count = (count - skip).min(i64::from(own) - from).min(i64::from(all) - to);
+    (count > 0).then(|| (from as u32, to as u32..(to + count) as u32))
+}
+
+/// A rectangle of whole samples.
+fn integers(rect: [f64; 4]) -> Result<[i64; 4]> {
+    let far = f64::from(u32::MAX);
+    if rect.iter().any(|side| (side - side.round()).abs() > WHOLE || side.abs() > far) {
+        return Err(unsupported(format!("a source at parts of samples, {rect:?}")));
+    }
+    Ok(rect.map(|side| side.round() as i64))
+}
