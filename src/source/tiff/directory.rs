@@ -212,7 +212,7 @@ fn signature(file: &[u8]) -> Result<(ByteOrder, bool)> {
             if cfg!(feature = "gdal") {
                 "GDAL did not open it either"
             } else {
-                "convert it with gdal_translate, or build with --features gdal"
+                "convert it with gdal_translate, or build with --features gdal (needs libgdal-dev)"
             },
         )),
     }
