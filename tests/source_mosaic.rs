@@ -64,8 +64,8 @@ impl Tile {
             band_scale: self.scale.0,
             band_offset: self.scale.1,
             unit: self.unit,
-            compression: if self.size.0 % 2 == 0 { Compression::Deflate } else { Compression::None },
-            tile: (self.size.1 % 2 == 0).then_some(16),
+            compression: if self.size.0.is_multiple_of(2) { Compression::Deflate } else { Compression::None },
+            tile: self.size.1.is_multiple_of(2).then_some(16),
             force: true,
             ..GeotiffSpec::new(self.size.0, self.size.1, self.kind, &geo)
         };
@@ -195,7 +195,7 @@ fn an_srtm_tile_is_what_gdal_reads() {
     let mut tiles: Vec<PathBuf> = shared("N44W072.hgt").into_iter().collect();
     for (name, side) in [("S03e179.SRTMGL1.HGT", 1201_u32), ("n60W001.hgt", 3601)] {
         let path = folder.path().join(name);
-        let height = |index: u32| if index % 97 == 0 { -32768 } else { (index % 9000) as i16 - 400 };
+        let height = |index: u32| if index.is_multiple_of(97) { -32768 } else { (index % 9000) as i16 - 400 };
         let bytes: Vec<u8> = (0..side * side).flat_map(|index| height(index).to_be_bytes()).collect();
         std::fs::write(&path, bytes).expect("write");
         tiles.push(path);

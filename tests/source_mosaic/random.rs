@@ -1,6 +1,7 @@
 //! Random files on one grid, against a plain loop over all of them.
 
 use super::*;
+use SampleType::{Float32, Float64, Int8, Int16, Int32, Uint8, Uint16, Uint32};
 
 /// Small, repeatable chances.
 struct Chance(u64);
@@ -132,7 +133,6 @@ fn check(tiles: &[Tile], paths: &[PathBuf], rule: Overlap, chance: &mut Chance) 
 fn random_files_in_every_order_by_every_rule() {
     let folder = tempfile::tempdir().expect("folder");
     let mut chance = Chance(20);
-    use SampleType::{Float32, Float64, Int8, Int16, Int32, Uint8, Uint16, Uint32};
     let families: [&[SampleType]; 9] = [
         &[Int16],
         &[Int16, Float32],
@@ -150,7 +150,9 @@ fn random_files_in_every_order_by_every_rule() {
         let mut tiles: Vec<Tile> = (0..count).map(|_| tile(&mut chance, kinds)).collect();
         if turn % 3 == 0 {
             // One nodata value for all, of which no mask need tell.
-            tiles.iter_mut().for_each(|tile| tile.nodata = Some(7.0));
+            for tile in &mut tiles {
+                tile.nodata = Some(7.0);
+            }
         }
         let paths: Vec<PathBuf> =
             (0..tiles.len()).map(|index| folder.path().join(format!("{turn}_{index}.tif"))).collect();
@@ -174,7 +176,9 @@ fn a_nodata_value_given_counts_for_all() {
     let options = OpenOptions { nodata: Some(2.0), ..OpenOptions::default() };
     let source = source::open_all(&paths, &options, &Limits::default()).expect("open");
     assert_eq!(source.info().nodata, Some(2.0));
-    tiles.iter_mut().for_each(|tile| tile.nodata = Some(2.0));
+    for tile in &mut tiles {
+        tile.nodata = Some(2.0);
+    }
     let wanted = (0..5).flat_map(|y| (0..7).map(move |x| (x, y)));
     let wanted: Vec<_> =
         wanted.map(|(x, y)| expected(&tiles, SampleType::Float32, Overlap::Last, x, y)).collect();
@@ -241,7 +245,7 @@ fn hundreds_of_files_side_by_side() {
         })
         .collect();
     let source = join(&paths, Overlap::Last);
-    let open = || std::fs::read_dir("/proc/self/fd").map(|all| all.count()).ok();
+    let open = || std::fs::read_dir("/proc/self/fd").map(Iterator::count).ok();
     let before = open();
     let window = source.read_rows(1..6).expect("rows");
     // The last of two files that share a column counts.

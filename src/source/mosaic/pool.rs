@@ -87,6 +87,8 @@ impl Pool {
     /// Closes all.
     pub(super) fn clear(&self) {
         let all = std::mem::take(&mut *self.lock());
-        all.values().for_each(|(source, _)| source.release());
+        for (source, _) in all.values() {
+            source.release();
+        }
     }
 }
