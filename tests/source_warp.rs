@@ -359,6 +359,71 @@ mod through_gdal {
         }
     }
 
+    /// Two files in two projections, as one.
+    fn neighbours(folder: &Path) -> Vec<PathBuf> {
+        let halves = [("west.tif", "0 0 80 187", "EPSG:32612"), ("east.tif", "72 0 80 187", "EPSG:32613")];
+        let cut = folder.join("cut.tif");
+        let make = |(name, window, crs): (&str, &str, &str)| {
+            translate(&format!("-srcwin {window}"), &fixture("rmnp_dem_uint16.tif"), &cut);
+            let path = folder.join(name);
+            let (from, to) = (cut.to_str().expect("path"), path.to_str().expect("path"));
+            run("gdalwarp", &["-q", "-t_srs", crs, "-r", "bilinear", from, to]);
+            path
+        };
+        halves.map(make).into()
+    }
+
+    #[test]
+    fn unlike_files_become_one_lattice() {
+        let folder = tempfile::tempdir().expect("folder");
+        let paths = neighbours(folder.path());
+        let message = error(&paths, &OpenOptions::default());
+        assert!(message.contains("east.tif") && message.contains("--crs"), "{message}");
+        for (method, step) in
+            [(Resampling::Near, 0.003), (Resampling::Bilinear, 0.001), (Resampling::Cubic, 0.001)]
+        {
+            let options = options(Some("EPSG:4326"), Some((step, step)), method);
+            let source = source::open_all(&paths, &options, &Limits::default()).expect("one source");
+            let info = source.info();
+            assert_eq!(info.parts.len(), 2);
+            // One call of gdalwarp for both files, which makes the same grid of them. Its kernels are as wide as they
+            // must be for finer grids.
+            let to = folder.path().join("both.tif");
+            let step = step.to_string();
+            let mut words = vec!["-q", "-overwrite", "-t_srs", "EPSG:4326", "-tr", &step, &step, "-et", "0"];
+            words.extend(["-r", method.name(), "-wo", "XSCALE=1", "-wo", "YSCALE=1"]);
+            words.extend(paths.iter().map(|path| path.to_str().expect("path")));
+            words.push(to.to_str().expect("path"));
+            run("gdalwarp", &words);
+            let (ours, theirs) = (samples(&*source), dump(&to, Some(65535.0)));
+            assert_eq!(ours.len(), theirs.len(), "{}", method.name());
+            assert_eq!(differences(&ours, &theirs), 0, "{} of {}", method.name(), ours.len());
+        }
+        // Without a system, that of the first; without a resolution, the finest.
+        let own = source::open_all(&paths, &options(None, None, Resampling::Near), &Limits::default());
+        assert_eq!(own.expect("one source").info().geo.crs.epsg, Some(32612));
+    }
+
+    #[test]
+    fn unlike_heights_are_refused() {
+        let folder = tempfile::tempdir().expect("folder");
+        let feet = folder.path().join("feet.tif");
+        let metres = folder.path().join("metres.tif");
+        translate("-a_srs EPSG:4326+6360", &fixture("rmnp_dem_uint16.tif"), &feet);
+        translate("-a_srs EPSG:4326", &fixture("rmnp_dem_uint16.tif"), &metres);
+        let paths = [metres, feet];
+        let to = options(Some("EPSG:32613"), None, Resampling::Bilinear);
+        let message = error(&paths, &to);
+        assert!(message.contains("feet.tif") && message.contains("--vertical-unit"), "{message}");
+        let stated = OpenOptions { vertical_unit: Some((0.3048, "ft".to_owned())), ..to };
+        let source = source::open_all(&paths, &stated, &Limits::default()).expect("one source");
+        assert_eq!(source.info().vertical_unit, (0.3048, "ft".to_owned()));
+        // The same without warping.
+        let stated = OpenOptions { warp: None, ..stated };
+        let source = source::open_all(&paths, &stated, &Limits::default()).expect("one source");
+        assert_eq!(source.info().vertical_unit, (0.3048, "ft".to_owned()));
+    }
+
     #[test]
     fn what_makes_no_sense_is_refused_by_name() {
         let folder = tempfile::tempdir().expect("folder");

@@ -10,7 +10,7 @@ use relevo::source::{self, OpenOptions, Overlap, Source, unit};
 /// The rasters.
 #[derive(clap::Args, Clone)]
 pub struct Dem {
-    /// The DEM, or several that become one: TIFF files (any rasters of GDAL's if built with --features gdal)
+    /// The DEM, or several that become one: TIFF, .vrt and .hgt files on one grid, in any order (any rasters of GDAL's if built with --features gdal)
     #[arg(value_name = "DEM", required = true)]
     pub dems: Vec<PathBuf>,
 }
@@ -37,7 +37,7 @@ pub struct SourceArgs {
     /// Value that means void, instead of what the files say
     #[arg(long, value_name = "V", allow_hyphen_values = true)]
     pub nodata: Option<f64>,
-    /// Which sample counts where files overlap; a void never hides a valid one
+    /// Which sample counts where files overlap; a void never hides a valid one (within a .vrt it is the last)
     #[arg(long, value_name = "first|last|min|max|mean", default_value = "last", value_parser = overlap, hide_possible_values = true)]
     pub overlap: Overlap,
     /// Vertical unit of the samples, instead of what the files say: m, ft, us-ft, another name of GDAL's, or its metres

@@ -104,6 +104,9 @@ fn format(path: &Path) -> Result<Format> {
         .take(LOOK)
         .read_to_end(&mut start)
         .map_err(|error| Error::io(path, "read", error))?;
+    if start.starts_with(b"PK\x03\x04") {
+        return Err(Error::unsupported("a zip archive", "unpack it and give what is in it").at(path));
+    }
     let is_xml = start.trim_ascii_start().strip_prefix(b"\xEF\xBB\xBF").unwrap_or(start.trim_ascii_start());
     if is_xml.first() == Some(&b'<') && start.windows(11).any(|word| word == b"<VRTDataset") {
         return Ok(Format::Vrt);
@@ -179,7 +182,8 @@ pub enum Overlap {
     Min,
     /// The highest.
     Max,
-    /// Their mean.
+    /// Their mean: the sum in float64, in the order of the files, by their number; of whole numbers the nearest, of
+    /// two as near the one away from zero.
     Mean,
 }
 

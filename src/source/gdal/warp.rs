@@ -56,10 +56,12 @@ fn open_parts(
         Some(text) => Some(Horizontal::of_user(text)?),
         None => looked_at.first().and_then(|first| first.spatial.as_ref()).map(Horizontal::of),
     };
+    // Of several only the edges count, which do not follow the resolution: those of gdalwarp do not, either.
+    let alone = warp.resolution.filter(|_| looked_at.len() == 1);
     let plan = |original: &Original| {
         let (from, to) = original.systems(target.as_ref())?;
         let dataset = dataset(&original.path)?;
-        suggested(&dataset, from.as_deref(), to.as_deref(), warp.resolution, limits)
+        suggested(&dataset, from.as_deref(), to.as_deref(), alone, limits)
     };
     let lattices: Vec<Lattice> = looked_at
         .iter()
