@@ -60,6 +60,12 @@ pub struct Crs {
     pub unit: f64,
     /// EPSG code of the vertical CRS, if the file names one.
     pub vertical_epsg: Option<u32>,
+    /// Name of the vertical CRS or datum, for people; empty if the file names none.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub vertical_name: String,
+    /// True if that system counts downwards: the samples are depths.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub vertical_down: bool,
     /// The source's own keys.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub keys: Option<GeoKeys>,
@@ -75,6 +81,8 @@ impl Default for Crs {
             ellipsoid: WGS84,
             unit: 1.0,
             vertical_epsg: None,
+            vertical_name: String::new(),
+            vertical_down: false,
             keys: None,
         }
     }

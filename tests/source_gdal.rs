@@ -500,6 +500,227 @@ mod through_gdal {
         same(&path);
     }
 
+    /// Builds through the program, in a folder of its own, and checks every sample against the raster.
+    fn builds(name: &str, more: &[&str]) -> String {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let mut arguments = vec!["build", name, "--verify"];
+        arguments.extend(more);
+        let relevo = |arguments: &[&str]| {
+            let program = Command::new(env!("CARGO_BIN_EXE_relevo"))
+                .args(arguments)
+                .current_dir(folder.path())
+                .output();
+            let output = program.expect("the binary runs");
+            let message = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(0), "{arguments:?}: {message}");
+            String::from_utf8(output.stdout).expect("text")
+        };
+        relevo(&arguments);
+        let entry =
+            std::fs::read_dir(folder.path()).expect("folder").next().expect("a container").expect("entry");
+        let container = entry.file_name().into_string().expect("text");
+        format!("{container}\n{}", relevo(&["info", &container]))
+    }
+
+    #[test]
+    fn every_shared_dem_builds_and_is_verified() {
+        let shared = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+        let Ok(entries) = std::fs::read_dir(&shared) else {
+            eprintln!("{} is not there: its rasters are not built", shared.display());
+            return;
+        };
+        let mut names: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+        let picture = |name: &str| name.contains("rgb") || name.starts_with("bmng") || name.ends_with(".md");
+        names.retain(|path| {
+            path.file_name().and_then(|name| name.to_str()).is_some_and(|name| !picture(name))
+        });
+        assert!(names.len() >= 20, "{} rasters", names.len());
+        for path in names {
+            builds(path.to_str().expect("path"), &[]);
+        }
+    }
+
+    /// Makes a raster in a format of GDAL's, which Debian's GDAL has.
+    fn made(driver: &str, options: &str, from: &Path, to: &Path) {
+        let formats = run("gdalinfo", &["--formats"]);
+        assert!(
+            formats.contains(&format!(" {driver} -raster")),
+            "this GDAL has no {driver}: apt-get install gdal-bin"
+        );
+        translate(&format!("-of {driver} {options}"), from, to);
+    }
+
+    #[test]
+    fn formats_that_only_gdal_reads() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let dem = fixture("rmnp_dem_uint16.tif");
+        for (driver, options, name) in [
+            ("GTiff", "-co COMPRESS=LERC", "lerc.tif"),
+            ("GTiff", "-ot Float32 -co COMPRESS=LERC -co MAX_Z_ERROR=0.01", "lerc_lossy.tif"),
+            ("MRF", "-co COMPRESS=LERC -ot Float32", "lerc.mrf"),
+            ("JP2OpenJPEG", "-co REVERSIBLE=YES -co QUALITY=100", "lossless.jp2"),
+            ("netCDF", "-ot Int16", "plain.nc"),
+            ("AAIGrid", "", "text.asc"),
+            ("EHdr", "-ot Int16", "band.bil"),
+            ("HFA", "", "imagine.img"),
+        ] {
+            let path = folder.path().join(name);
+            made(driver, options, &dem, &path);
+            let source = open(&path);
+            assert!(source.info().description.contains("through GDAL"), "{name}");
+            assert!(sweep(source.as_ref()).0 == dump(&path, "1", folder.path()), "{name}");
+            builds(path.to_str().expect("path"), &[]);
+        }
+        // A raster within a file, by GDAL's name for it.
+        let name = format!("NETCDF:\"{}\":Band1", folder.path().join("plain.nc").display());
+        assert!(builds(&name, &[]).starts_with("plain_Band1.rlv"));
+    }
+
+    /// `zip` without a program of that name.
+    fn zip(archive: &Path, files: &[&Path]) {
+        let script = "import sys, zipfile, os\nz = zipfile.ZipFile(sys.argv[1], 'w', zipfile.ZIP_DEFLATED)\n\
+                      [z.write(f, 'in/' + os.path.basename(f)) for f in sys.argv[2:]]\nz.close()";
+        let mut arguments = vec!["-c", script, archive.to_str().expect("path")];
+        arguments.extend(files.iter().map(|file| file.to_str().expect("path")));
+        run("python3", &arguments);
+    }
+
+    #[test]
+    fn rasters_in_archives() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let dem = fixture("rmnp_dem_uint16.tif");
+        let archive = folder.path().join("data.zip");
+        zip(&archive, &[&dem]);
+        let name = format!("/vsizip/{}/in/rmnp_dem_uint16.tif", archive.display());
+        let source = open(Path::new(&name));
+        assert!(sweep(source.as_ref()).0 == dump(&dem, "1", folder.path()));
+        assert!(builds(&name, &[]).starts_with("rmnp_dem_uint16.rlv"));
+        assert!(builds(&name, &["--crs", "EPSG:32613"]).contains("EPSG:32613"));
+        // It counts as changed as soon as its archive is.
+        let before = source.fingerprint().expect("fingerprint");
+        assert_eq!(before, open(Path::new(&name)).fingerprint().expect("fingerprint"));
+        assert_eq!(before.files[0].name, "rmnp_dem_uint16.tif");
+        zip(&archive, &[&dem, &fixture("co_elevation_float32_lzw.tif")]);
+        assert_ne!(before, source.fingerprint().expect("fingerprint"));
+        std::fs::remove_file(&archive).expect("remove");
+        assert_ne!(Some(before), source.fingerprint().ok());
+    }
+
+    #[test]
+    fn rasters_on_a_server() {
+        use std::io::BufRead;
+        let folder = tempfile::tempdir().expect("temporary folder");
+        std::fs::copy(fixture("rmnp_dem_uint16.tif"), folder.path().join("far.tif")).expect("copy");
+        let script = "import http.server, os, sys\nos.chdir(sys.argv[1])\n\
+                      s = http.server.ThreadingHTTPServer(('127.0.0.1', 0), http.server.SimpleHTTPRequestHandler)\n\
+                      print(s.server_port, flush=True)\ns.serve_forever()";
+        let mut server = Command::new("python3")
+            .args(["-c", script, folder.path().to_str().expect("path")])
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .expect("python3");
+        let mut port = String::new();
+        std::io::BufReader::new(server.stdout.take().expect("output")).read_line(&mut port).expect("port");
+        let name = format!("/vsicurl/http://127.0.0.1:{}/far.tif", port.trim());
+        let found = std::panic::catch_unwind(|| {
+            let source = open(Path::new(&name));
+            assert_eq!(source.fingerprint().expect("fingerprint").files[0].bytes, 54_538);
+            assert!(sweep(source.as_ref()).0 == dump(&fixture("rmnp_dem_uint16.tif"), "1", folder.path()));
+            builds(&name, &[])
+        });
+        server.kill().expect("stop the server");
+        let _ = server.wait();
+        assert!(found.expect("as above").starts_with("far.rlv"));
+    }
+
+    #[test]
+    fn other_planets() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("planet.tif");
+        let other = folder.path().join("planet.img");
+        // Metres of the hundredth of a degree at the equator, by the ellipsoids of the IAU.
+        for (a, b, east, north) in
+            [(1_737_400.0, 1_737_400.0, 303.234, 303.234), (3_396_190.0, 3_376_200.0, 592.747, 585.790)]
+        {
+            for (srs, lattice) in [
+                (format!("+proj=longlat +a={a} +b={b} +no_defs"), "0 0.2 0.2 0"),
+                (format!("+proj=eqc +lon_0=180 +a={a} +b={b} +no_defs"), "0 4000 4000 0"),
+            ] {
+                run(
+                    "gdal_translate",
+                    &[
+                        &["-q", "-a_srs", &srs, "-a_ullr"][..],
+                        &lattice.split(' ').collect::<Vec<_>>(),
+                        &["-outsize", "20", "20", fixture("rmnp_dem_uint16.tif").to_str().expect("path")],
+                        &[path.to_str().expect("path")],
+                    ]
+                    .concat(),
+                );
+                translate("-of HFA", &path, &other);
+                for path in [&path, &other] {
+                    let source = open(path);
+                    let info = source.info();
+                    let ellipsoid = info.geo.crs.ellipsoid;
+                    assert_eq!(ellipsoid.a, a, "{srs}: {}", path.display());
+                    let polar = if ellipsoid.inverse_flattening == 0.0 {
+                        a
+                    } else {
+                        a - a / ellipsoid.inverse_flattening
+                    };
+                    assert!((polar - b).abs() < 1e-3, "{srs}: {polar}");
+                    assert_eq!(info.geo.crs.epsg, None, "{srs}");
+                    let spacing = info.geo.spacing((0, 19), (0, 19));
+                    let expected = if srs.contains("longlat") { (east, north) } else { (200.0, 200.0) };
+                    assert!((spacing.dx - expected.0).abs() < 0.01, "{srs}: {spacing:?}");
+                    assert!((spacing.dy - expected.1).abs() < 0.01, "{srs}: {spacing:?}");
+                    builds(path.to_str().expect("path"), &[]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn depths_and_turned_grids() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("depth.tif");
+        let text = path.to_str().expect("path");
+        translate("-a_srs EPSG:32611+5715 -a_ullr 0 20 20 0", &fixture("rmnp_dem_uint16.tif"), &path);
+        for source in [
+            Box::new(TiffSource::open(&path, &Limits::default()).expect("native")) as Box<dyn Source>,
+            Box::new(GdalSource::open(&path, &Limits::default()).expect("GDAL")),
+        ] {
+            let crs = &source.info().geo.crs;
+            assert!(crs.vertical_down && crs.vertical_epsg == Some(5715), "{crs:?}");
+        }
+        let info = builds(text, &[]);
+        assert!(info.contains("EPSG:5715") && info.contains("positive down"), "{info}");
+        let info = builds(text, &["--depth"]);
+        assert!(!info.contains("EPSG:5715") && !info.contains("positive down"), "{info}");
+        let info = builds(text, &["--depth", "--vertical-unit", "ft", "--resolution", "0.1"]);
+        assert!(info.contains("unit ft"), "{info}");
+        // A survey of 25 m bins, 36.87 degrees off north, in no system at all; depths by the scale of the file.
+        let vrt = folder.path().join("survey.vrt");
+        translate("-of VRT -a_nodata none", &fixture("rmnp_dem_uint16.tif"), &vrt);
+        let plain = std::fs::read_to_string(&vrt).expect("VRT");
+        let (before, rest) = plain.split_once("<SRS").expect("SRS");
+        let (_, after) = rest.split_once("</GeoTransform>").expect("geotransform");
+        let (bins, at_band) =
+            ("<GeoTransform>500000, 20, 15, 4000000, 15, -20</GeoTransform>", "<ColorInterp>");
+        let scaled = after.replace(at_band, &format!("<Offset>-100</Offset><Scale>-0.5</Scale>{at_band}"));
+        std::fs::write(&vrt, format!("{before}{bins}{scaled}")).expect("write");
+        translate("", &vrt, &path);
+        builds(text, &[]);
+        for source in [
+            Box::new(TiffSource::open(&path, &Limits::default()).expect("native")) as Box<dyn Source>,
+            Box::new(GdalSource::open(&vrt, &Limits::default()).expect("GDAL")),
+        ] {
+            let spacing = source.info().geo.spacing((0, 100), (0, 100));
+            assert!((spacing.dx - 25.0).abs() < 1e-3 && (spacing.dy - 25.0).abs() < 1e-3, "{spacing:?}");
+            assert_eq!((source.info().band_scale, source.info().band_offset), (-0.5, -100.0));
+        }
+    }
+
     #[test]
     fn opens_what_the_native_reader_refuses() {
         let folder = tempfile::tempdir().expect("temporary folder");

@@ -9,7 +9,7 @@ use relevo::Error;
 use relevo::container::layout::Metric;
 use relevo::pipeline::reach::Extent;
 use relevo::pipeline::{self, BuildOptions, Plan, Report};
-use relevo::source::SourceInfo;
+use relevo::source::{self, SourceInfo};
 use serde_json::json;
 
 use crate::cli::dem::{Dem, SourceArgs};
@@ -128,7 +128,7 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 fn output(args: &Args, dem: &Dem) -> Result<PathBuf, Error> {
     let output = match &args.output {
         Some(path) => path.clone(),
-        None => output_name(dem.first())?,
+        None => output_name(dem.first()),
     };
     let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
     if dem.dems.iter().any(|dem| same(&output, dem)) {
@@ -138,12 +138,8 @@ fn output(args: &Args, dem: &Dem) -> Result<PathBuf, Error> {
 }
 
 /// Name of the file that is made of a DEM unless told otherwise.
-pub fn output_name(dem: &Path) -> Result<PathBuf, Error> {
-    let name = dem
-        .file_name()
-        .map(PathBuf::from)
-        .ok_or_else(|| Error::usage(format!("{}: expected the name of a file", dem.display())))?;
-    Ok(name.with_extension("rlv"))
+pub fn output_name(dem: &Path) -> PathBuf {
+    PathBuf::from(source::stem(dem) + ".rlv")
 }
 
 /// Errors without a path came from the raster. Where a state was left, the message says so.

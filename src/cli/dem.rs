@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 
 use relevo::Error;
 use relevo::limits::Limits;
-use relevo::source::{self, OpenOptions, Overlap, Source};
+use relevo::source::warp::{Resampling, Warp};
+use relevo::source::{self, OpenOptions, Overlap, Source, unit};
 
 /// The rasters.
 #[derive(clap::Args, Clone)]
 pub struct Dem {
-    /// The DEM, or several that become one: TIFF files (any rasters of GDAL's if built with --features gdal); @LIST names files, one a line
+    /// The DEM, or several that become one: TIFF, .vrt and .hgt files on one grid, in any order (any rasters of GDAL's if built with --features gdal); @LIST names files, one a line
     #[arg(value_name = "DEM", required = true)]
     pub dems: Vec<PathBuf>,
 }
@@ -36,15 +37,41 @@ pub struct SourceArgs {
     /// Value that means void, instead of what the files say
     #[arg(long, value_name = "V", allow_hyphen_values = true)]
     pub nodata: Option<f64>,
-    /// Which sample counts where files overlap; a void never hides a valid one
+    /// Which sample counts where files overlap; a void never hides a valid one (within a .vrt it is the last)
     #[arg(long, value_name = "first|last|min|max|mean", default_value = "last", value_parser = overlap, hide_possible_values = true)]
     pub overlap: Overlap,
+    /// Vertical unit of the samples, instead of what the files say: m, ft, us-ft, another name of GDAL's, or its metres
+    #[arg(long, value_name = "m|ft|us-ft|METRES", value_parser = vertical_unit)]
+    pub vertical_unit: Option<(f64, String)>,
+    /// The samples are depths, positive down: heights are their negatives
+    #[arg(long)]
+    pub depth: bool,
+    /// Warp to this coordinate system through GDAL [default with the next two: that of the first file]
+    #[arg(long, value_name = "EPSG:N|WKT")]
+    pub crs: Option<String>,
+    /// Warp to this distance of samples, in units of the coordinate system [default with --crs: as gdalwarp chooses]
+    #[arg(long, value_name = "X[,Y]", value_parser = resolution)]
+    pub resolution: Option<(f64, f64)>,
+    /// How warping makes a sample of those around it: near, bilinear, cubic, cubicspline, lanczos or average [default: bilinear]
+    #[arg(long, value_name = "METHOD", value_parser = resampling)]
+    pub resampling: Option<Resampling>,
 }
 
 impl SourceArgs {
     /// As the library takes them.
     pub fn options(&self) -> OpenOptions {
-        OpenOptions { nodata: self.nodata, overlap: self.overlap }
+        let warped = self.crs.is_some() || self.resolution.is_some() || self.resampling.is_some();
+        OpenOptions {
+            nodata: self.nodata,
+            overlap: self.overlap,
+            vertical_unit: self.vertical_unit.clone(),
+            depth: self.depth,
+            warp: warped.then(|| Warp {
+                crs: self.crs.clone(),
+                resolution: self.resolution,
+                resampling: self.resampling.unwrap_or_default(),
+            }),
+        }
     }
 
     /// Opens the rasters as one.
@@ -62,4 +89,19 @@ fn overlap(word: &str) -> Result<Overlap, String> {
         "mean" => Ok(Overlap::Mean),
         _ => Err("expected first, last, min, max or mean".to_owned()),
     }
+}
+
+fn vertical_unit(word: &str) -> Result<(f64, String), String> {
+    unit::parse(word).ok_or_else(|| "expected m, ft, us-ft, another unit of length, or its metres".to_owned())
+}
+
+fn resampling(word: &str) -> Result<Resampling, String> {
+    let found = Resampling::ALL.into_iter().find(|method| method.name() == word);
+    found.ok_or_else(|| "expected near, bilinear, cubic, cubicspline, lanczos or average".to_owned())
+}
+
+fn resolution(text: &str) -> Result<(f64, f64), String> {
+    let step = |word: &str| word.trim().parse().ok().filter(|&step: &f64| step > 0.0 && step.is_finite());
+    let (x, y) = text.split_once(',').unwrap_or((text, text));
+    step(x).zip(step(y)).ok_or_else(|| "expected one or two numbers above 0: X or X,Y".to_owned())
 }

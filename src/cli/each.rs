@@ -103,7 +103,7 @@ fn jobs(inputs: &[PathBuf], folder: &Path) -> Result<Vec<Job>, Error> {
     let mut outputs: HashMap<PathBuf, &Path> = HashMap::with_capacity(inputs.len());
     let mut jobs = Vec::with_capacity(inputs.len());
     for input in inputs {
-        let output = folder.join(build::output_name(input)?);
+        let output = folder.join(build::output_name(input));
         if let Some(other) = outputs.insert(output.clone(), input) {
             return Err(Error::usage(format!(
                 "{} and {} would both become {}; build them into different folders",

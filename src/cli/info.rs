@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use relevo::container::reader::Reader;
 use relevo::container::sections::SectionEntry;
+use relevo::geo::Crs;
 use relevo::sample::Coding;
 use serde_json::{Value, json};
 
@@ -77,6 +78,18 @@ fn facts(reader: &Reader, file: &Path) -> Value {
     })
 }
 
+/// What the heights are measured from, where the file says so.
+fn datum(crs: &Crs) -> String {
+    let code = crs.vertical_epsg.map(|code| format!("EPSG:{code}"));
+    let name = Some(crs.vertical_name.clone()).filter(|name| !name.is_empty());
+    let named = match (name, code) {
+        (Some(name), Some(code)) => format!("; {name} ({code})"),
+        (Some(one), None) | (None, Some(one)) => format!("; {one}"),
+        (None, None) => return String::new(),
+    };
+    if crs.vertical_down { named + ", depths: positive down" } else { named }
+}
+
 fn print(reader: &Reader, file: &Path, out: &mut dyn Write) -> io::Result<()> {
     let (header, metadata) = (reader.header(), reader.metadata());
     let crs = &metadata.crs;
@@ -93,7 +106,7 @@ fn print(reader: &Reader, file: &Path, out: &mut dyn Write) -> io::Result<()> {
         _ => "lossless".to_owned(),
     };
     let unit = if metadata.vertical_unit.is_empty() { "metre (assumed)" } else { &metadata.vertical_unit };
-    line("heights", format!("{heights}; unit {unit}"))?;
+    line("heights", format!("{heights}; unit {unit}{}", datum(crs)))?;
     if let Some(nodata) = header.nodata {
         line("nodata", nodata.to_string())?;
     }

@@ -195,6 +195,17 @@ pub(crate) fn vertical_unit(code: u32) -> (f64, &'static str) {
     length_unit(unit).unwrap_or((1.0, "metre"))
 }
 
+/// Vertical codes whose axis points down: depths.
+const DEPTHS: &[u32] = &[
+    5336, 5612, 5614, 5706, 5715, 5734, 5739, 5789, 5831, 5861, 5862, 5863, 5864, 5865, 5866, 5867, 5873,
+    6357, 6358, 6359, 7976, 8051, 8053, 8358, 8378, 8897, 9287, 9288, 9672,
+];
+
+/// True if a vertical CRS counts downwards.
+pub(crate) fn is_depth(code: u32) -> bool {
+    DEPTHS.contains(&code)
+}
+
 /// An ellipsoid by its own code.
 pub(crate) fn ellipsoid(code: u32) -> Option<Ellipsoid> {
     let found = ELLIPSOIDS.iter().find(|entry| entry.0 == code)?;
@@ -232,6 +243,7 @@ mod tests {
         assert_eq!(geographic_unit(4807), GRAD);
         assert_eq!(vertical_unit(6360).0, US_SURVEY_FOOT);
         assert_eq!(vertical_unit(5703).0, 1.0);
+        assert!(is_depth(5715) && is_depth(6359) && !is_depth(5714) && !is_depth(6360));
     }
 
     #[test]

@@ -26,6 +26,7 @@ const PROJECTED_CITATION: u16 = 3073;
 const LINEAR_UNIT: u16 = 3076;
 const LINEAR_UNIT_SIZE: u16 = 3077;
 const VERTICAL: u16 = 4096;
+const VERTICAL_CITATION: u16 = 4097;
 const VERTICAL_UNIT: u16 = 4099;
 
 /// The value that means "see the other keys".
@@ -64,6 +65,8 @@ pub fn read(keys: GeoKeys) -> Reference {
         CrsKind::Engineering => crs.unit = length(&keys, LINEAR_UNIT, LINEAR_UNIT_SIZE).unwrap_or(1.0),
     }
     crs.vertical_epsg = vertical_code(&keys);
+    crs.vertical_down = crs.vertical_epsg.is_some_and(epsg::is_depth);
+    text(&keys, VERTICAL_CITATION).unwrap_or_default().clone_into(&mut crs.vertical_name);
     (crs.name, crs.wkt) = match crs.epsg.and_then(|code| wkt::of_epsg(kind, code)) {
         Some(known) => known,
         None if kind == CrsKind::Engineering => (name(&keys, kind), wkt::engineering(crs.unit)),
@@ -170,6 +173,24 @@ fn vertical_code(keys: &GeoKeys) -> Option<u32> {
     }
 }
 
+/// Takes the vertical part away, keys 4096 to 4099.
+pub(crate) fn drop_vertical(keys: &mut GeoKeys) {
+    let Some((header, entries)) = keys.directory.split_first_chunk::<4>() else { return };
+    let (entries, _) = entries.as_chunks::<4>();
+    let mut kept = header.to_vec();
+    for entry in entries.iter().take(usize::from(header[3])) {
+        if (VERTICAL..=VERTICAL_UNIT).contains(&entry[0]) {
+            kept[3] -= 1;
+        } else {
+            kept.extend(entry);
+        }
+    }
+    // Short values that keys point to lie behind them: a shorter list would move those, so such keys stay as they are.
+    if entries.iter().all(|entry| entry[1] != 34735) {
+        keys.directory = kept;
+    }
+}
+
 fn vertical_unit(keys: &GeoKeys, vertical: Option<u32>) -> Option<(f64, String)> {
     let by_key = code(keys, VERTICAL_UNIT).and_then(epsg::length_unit);
     let unit = match (by_key, vertical) {
@@ -246,6 +267,17 @@ mod tests {
         assert_eq!(reference.crs.unit, 0.001);
         assert_eq!(reference.crs.ellipsoid, Ellipsoid { a: 3_396_190.0, inverse_flattening: 169.894 });
         assert_eq!(reference.vertical_unit, Some((epsg::US_SURVEY_FOOT, "US survey foot".to_owned())));
+    }
+
+    #[test]
+    fn vertical_part_is_recorded_and_can_be_dropped() {
+        let entries = [[1024, 0, 1, 1], [3072, 0, 1, 32611], [4096, 0, 1, 5715], [4097, 34737, 10, 0]];
+        let mut reference = read(keys(&entries, &[], "MSL depth|"));
+        assert_eq!(reference.crs.vertical_name, "MSL depth");
+        assert!(reference.crs.vertical_down && reference.crs.vertical_epsg == Some(5715));
+        let keys = reference.crs.keys.as_mut().expect("keys");
+        drop_vertical(keys);
+        assert_eq!(keys.directory, [1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 32611]);
     }
 
     #[test]

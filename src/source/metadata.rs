@@ -1,6 +1,6 @@
 //! The texts that GDAL keeps beside samples: nodata, scale, offset, and the name of the vertical unit.
 
-use super::epsg::{FOOT, US_SURVEY_FOOT};
+use super::unit;
 use crate::sample::SampleType;
 
 /// A number as GDAL reads it from text: the longest prefix that is one; `None` where there is none at all.
@@ -80,29 +80,11 @@ fn unescape(text: &str) -> String {
         .replace("&amp;", "&")
 }
 
-/// Metres of a vertical unit by one of the names that GDAL and the EPSG dataset use; `None` if it is none of them.
-pub(crate) fn metres_of(unit: &str) -> Option<f64> {
-    Some(match unit.trim().to_ascii_lowercase().as_str() {
-        "m" | "metre" | "metres" | "meter" | "meters" | "1" => 1.0,
-        "ft" | "foot" | "feet" | "international foot" | "international feet" | "foot_intl" | "ft_int" => FOOT,
-        "us survey foot" | "us survey feet" | "us-ft" | "us_ft" | "ftus" | "ft_us" | "foot_us"
-        | "us foot" | "us feet" | "u.s. survey foot" | "us_survey_foot" | "survey foot" | "foot us"
-        | "sft" => US_SURVEY_FOOT,
-        "km" | "kilometre" | "kilometer" | "kilometres" | "kilometers" => 1000.0,
-        "dm" | "decimetre" | "decimeter" | "decimetres" | "decimeters" => 0.1,
-        "cm" | "centimetre" | "centimeter" | "centimetres" | "centimeters" => 0.01,
-        "mm" | "millimetre" | "millimeter" | "millimetres" | "millimeters" => 0.001,
-        "yd" | "yard" | "yards" => 0.9144,
-        "fath" | "fathom" | "fathoms" => 1.8288,
-        _ => return None,
-    })
-}
-
 /// Metres and name of the vertical unit: the unit type of the band first, else that of the vertical CRS. A name that
 /// means nothing here counts as metres; the name is kept for whoever wants to warn.
 pub(crate) fn vertical_unit(unit_type: Option<&str>, of_crs: Option<(f64, String)>) -> (f64, String) {
     match unit_type.map(str::trim).filter(|name| !name.is_empty()) {
-        Some(name) => (metres_of(name).unwrap_or(1.0), name.to_owned()),
+        Some(name) => (unit::metres_of(name).unwrap_or(1.0), name.to_owned()),
         None => of_crs.unwrap_or((1.0, String::new())),
     }
 }

@@ -190,7 +190,7 @@ impl<T: Number> Canvas<T> {
     }
 
     /// Adds a run of samples that begins at an index.
-    fn add(&mut self, at: usize, samples: &[T], valid: &[u8]) {
+    pub(super) fn add(&mut self, at: usize, samples: &[T], valid: &[u8]) {
         let run = at..at + samples.len();
         let (out, known) = (&mut self.samples[run.clone()], &mut self.valid[run.clone()]);
         let places = out.iter_mut().zip(known).zip(samples.iter().zip(valid));
@@ -279,7 +279,9 @@ fn check<S: Number>(samples: &[S], nodata: Option<S>, valid: &mut [u8]) {
     let places = samples.iter().zip(valid);
     match nodata {
         Some(nodata) => {
-            places.for_each(|(&sample, valid)| *valid = u8::from(sample.is_finite() & (sample != nodata)));
+            places.for_each(|(&sample, valid)| {
+                *valid = u8::from(sample.is_finite()) & u8::from(sample != nodata);
+            });
         }
         None => places.for_each(|(&sample, valid)| *valid = u8::from(sample.is_finite())),
     }

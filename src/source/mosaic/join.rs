@@ -67,7 +67,7 @@ impl Mosaic {
     /// Joins rasters on one grid, in one coordinate system and one vertical unit, in any order, overlapping or apart.
     ///
     /// Samples become the narrowest type that holds those of all. Where GDAL scales or offsets differ, they become
-    /// real values in float64, `offset + scale * sample`, rounded once more than in a file of its own.
+    /// real values in float64, `offset + scale * sample`, rounded once more than in a file of its own; their nodata values are those of the files.
     ///
     /// # Errors
     /// [`Error::Usage`](crate::Error::Usage), by file name, for a raster without a place, off the grid of the others,

@@ -125,11 +125,4 @@ impl Member {
         }
         Ok(Arc::from(source))
     }
-
-    /// Lets go of what its source keeps for a next window.
-    pub(super) fn release(&self) {
-        if let Held::Open(source) = &self.held {
-            source.release();
-        }
-    }
 }

@@ -159,7 +159,6 @@ impl Source for Mosaic {
 
     fn release(&self) {
         self.pool.clear();
-        self.members.iter().for_each(Member::release);
     }
 }
 
@@ -169,3 +168,6 @@ fn footprint(info: &SourceInfo, members: &[Member]) -> Option<Vec<Rect>> {
     let rects: Vec<Rect> = members.iter().flat_map(|member| member.footprint.iter().cloned()).collect();
     (!rects.contains(&all)).then_some(rects)
 }
+
+#[cfg(test)]
+mod tests;

@@ -33,8 +33,8 @@ impl Drop for Permit {
     }
 }
 
-/// An open raster, and the right to keep it.
-type Kept = (Arc<dyn Source>, Permit);
+/// An open raster, and the right to keep it; one that is open all the time needs none.
+type Kept = (Arc<dyn Source>, Option<Permit>);
 
 /// The open members of one mosaic.
 #[derive(Default)]
@@ -52,30 +52,43 @@ impl Pool {
 
     /// The source of a member, opened unless it is.
     pub(super) fn source(&self, index: usize, member: &Member) -> Result<Arc<dyn Source>> {
-        if matches!(member.held, Held::Open(_)) {
-            return member.open();
-        }
         if let Some((source, _)) = self.lock().get(&index) {
             return Ok(Arc::clone(source));
         }
         #[cfg(test)]
         self.opened.fetch_add(1, Ordering::Relaxed);
         let source = member.open()?;
-        if let Some(permit) = Permit::take() {
+        let stays = matches!(member.held, Held::Open(_));
+        let permit = if stays { None } else { Permit::take() };
+        if stays || permit.is_some() {
             self.lock().insert(index, (Arc::clone(&source), permit));
         }
         Ok(source)
     }
 
-    /// Closes the members that some rows of the mosaic do not meet.
+    /// Closes the members that some rows of the mosaic do not meet; those that cannot be closed let go of what they can.
     pub(super) fn leave(&self, members: &[Member], rows: &Range<u32>) {
-        let apart =
-            |member: &Member| member.rect.rows.end <= rows.start || rows.end <= member.rect.rows.start;
-        self.lock().retain(|&index, _| !apart(&members[index]));
+        let meets = |member: &Member| member.rect.rows.start < rows.end && rows.start < member.rect.rows.end;
+        self.lock().retain(|&index, (source, _)| {
+            let stays = meets(&members[index]);
+            if !stays {
+                source.release();
+            }
+            stays
+        });
+    }
+
+    /// How many members are open.
+    #[cfg(test)]
+    pub(super) fn kept(&self) -> usize {
+        self.lock().len()
     }
 
     /// Closes all.
     pub(super) fn clear(&self) {
-        self.lock().clear();
+        let all = std::mem::take(&mut *self.lock());
+        for (source, _) in all.values() {
+            source.release();
+        }
     }
 }

@@ -61,7 +61,7 @@ pub(super) fn block(
     let got = got.map_err(|problem| match problem {
         Problem::Damaged(got) => Error::format(name(), format!("{expected} bytes"), got),
         Problem::OldLzw => {
-            Error::unsupported("LZW of before 1988 (bits reversed)", "build with --features gdal")
+            Error::unsupported("LZW of before 1988 (bits reversed)", "convert it with gdal_translate")
         }
     })?;
     if got < expected {

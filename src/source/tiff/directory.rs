@@ -209,11 +209,7 @@ fn signature(file: &[u8]) -> Result<(ByteOrder, bool)> {
         [] => Err(Error::format("TIFF header", "8 bytes", "an empty file")),
         _ => Err(Error::unsupported(
             format!("not a TIFF (it starts with {})", start.escape_ascii()),
-            if cfg!(feature = "gdal") {
-                "GDAL did not open it either"
-            } else {
-                "convert it with gdal_translate, or build with --features gdal"
-            },
+            crate::source::NEEDS_GDAL,
         )),
     }
 }

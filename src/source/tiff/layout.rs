@@ -223,10 +223,7 @@ impl Layout {
 }
 
 fn unsupported(what: impl Into<String>) -> Error {
-    Error::unsupported(
-        what,
-        if cfg!(feature = "gdal") { "GDAL does not read it either" } else { "build with --features gdal" },
-    )
+    Error::unsupported(what, crate::source::NEEDS_GDAL)
 }
 
 fn side(reader: &mut Reader<'_>, directory: &Directory, tag: Tag, limits: &Limits) -> Result<u32> {

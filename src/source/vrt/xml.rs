@@ -111,7 +111,7 @@ fn sources(band: Node, path: &Path) -> Result<Vec<VrtSource>> {
     for node in band.children().filter(Node::is_element) {
         match node.tag_name().name() {
             kind @ ("SimpleSource" | "ComplexSource") => {
-                found.push(source(node, kind == "ComplexSource", path)?)
+                found.push(source(node, kind == "ComplexSource", path)?);
             }
             kind if kind.to_ascii_lowercase().ends_with("source") => {
                 return Err(unsupported(format!("a VRT with a {kind}")));

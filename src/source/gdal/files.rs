@@ -1,0 +1,110 @@
+//! The files behind a GDAL dataset as they are now: on disk, in archives, or on a server.
+
+use std::ffi::{CStr, CString};
+use std::path::{Path, PathBuf};
+
+use gdal::Dataset;
+
+use crate::error::Result;
+use crate::source::{FileStamp, Fingerprint, file_name};
+
+/// The files that a dataset says it is made of, the file itself first; of a VRT also those it refers to.
+pub(super) fn of(dataset: &Dataset, path: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    // SAFETY: the dataset is open; the list ends with a null pointer, its entries are C strings, and it is ours to free.
+    #[expect(unsafe_code, reason = "the bindings have no safe call for it")]
+    unsafe {
+        let list = gdal_sys::GDALGetFileList(dataset.c_dataset());
+        let mut at = list;
+        while !at.is_null() && !(*at).is_null() {
+            files.push(PathBuf::from(CStr::from_ptr(*at).to_string_lossy().into_owned()));
+            at = at.add(1);
+        }
+        gdal_sys::CSLDestroy(list);
+    }
+    if files.is_empty() {
+        files.push(path.to_owned());
+    }
+    files
+}
+
+/// Their stamps. A local file must be there. One of GDAL's virtual files has the stamp of the archive it lies in, or, if
+/// there is none, what GDAL says of it: length 0 once it is gone.
+pub(super) fn fingerprint(files: &[PathBuf]) -> Result<Fingerprint> {
+    let stamp = |path: &PathBuf| {
+        if path.exists() {
+            return FileStamp::of(path);
+        }
+        if let Some(archive) = archive(path) {
+            return Ok(FileStamp { name: file_name(path), ..FileStamp::of(&archive)? });
+        }
+        // Also `NETCDF:"file":variable` and its kind, if GDAL names no file for it.
+        let text = path.to_string_lossy();
+        if text.starts_with("/vsi") || text.contains([':', '"']) {
+            Ok(remote(path))
+        } else {
+            FileStamp::of(path)
+        }
+    };
+    Ok(Fingerprint { files: files.iter().map(stamp).collect::<Result<_>>()? })
+}
+
+/// The local archive of `/vsizip/folder/a.zip/dem.tif`, also chained (`/vsitar//vsigzip/…`) or in braces.
+fn archive(path: &Path) -> Option<PathBuf> {
+    let text = path.to_string_lossy();
+    let mut rest = text.strip_prefix("/vsi")?.split_once('/')?.1;
+    while let Some(inner) = rest.strip_prefix("/vsi").or_else(|| rest.strip_prefix("vsi")) {
+        rest = inner.split_once('/')?.1;
+    }
+    let rest = rest.replace(['{', '}'], "");
+    // Absolute names have a second slash, `/vsizip//data/a.zip`; users also leave it out.
+    [PathBuf::from(&rest), PathBuf::from(format!("/{rest}"))]
+        .into_iter()
+        .find_map(|name| name.ancestors().find(|folder| folder.is_file()).map(Path::to_owned))
+}
+
+/// What GDAL says of a file that is not on this machine. Its caches are emptied first: they would say what was.
+fn remote(path: &Path) -> FileStamp {
+    let name = file_name(path);
+    let Ok(c_path) = CString::new(path.to_string_lossy().into_owned()) else {
+        return FileStamp { name, bytes: 0, modified_ns: 0 };
+    };
+    // SAFETY: the path is a C string; the handle is used while it is open, and closed once.
+    #[expect(unsafe_code, reason = "the bindings have no safe call for it")]
+    let bytes = unsafe {
+        gdal_sys::VSICurlPartialClearCache(c_path.as_ptr());
+        let file = gdal_sys::VSIFOpenL(c_path.as_ptr(), c"rb".as_ptr());
+        if file.is_null() {
+            0
+        } else {
+            let at_end = gdal_sys::VSIFSeekL(file, 0, 2) == 0;
+            let length = gdal_sys::VSIFTellL(file);
+            gdal_sys::VSIFCloseL(file);
+            if at_end { length } else { 0 }
+        }
+    };
+    FileStamp { name, bytes, modified_ns: 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn archives_of_virtual_names() {
+        let folder = tempfile::tempdir().expect("folder");
+        let zip = folder.path().join("a.zip");
+        std::fs::write(&zip, "PK").expect("write");
+        let zip_name = zip.display();
+        for name in [
+            format!("/vsizip/{zip_name}/in/dem.tif"),
+            format!("/vsizip/{{{zip_name}}}/dem.tif"),
+            format!("/vsitar//vsigzip/{zip_name}/dem.tif"),
+            format!("/vsigzip/{zip_name}"),
+        ] {
+            assert_eq!(archive(Path::new(&name)), Some(zip.clone()), "{name}");
+        }
+        assert_eq!(archive(Path::new("/vsicurl/http://localhost/a.tif")), None);
+        assert_eq!(archive(&zip), None);
+    }
+}

@@ -1,0 +1,122 @@
+//! Any raster that GDAL opens, behind the feature `gdal`: other formats, and TIFFs with compressions not read natively.
+//!
+//! Band 1 is the elevation. GDAL's mask comes along where it says more than the nodata value does. A GDAL dataset
+//! serves one thread at a time, so reads are serialised; GDAL's own block cache keeps what bands share. GDAL's
+//! messages are not printed: they come back in the errors.
+
+mod blocks;
+mod describe;
+mod files;
+mod operation;
+mod target;
+pub mod warp;
+mod warped;
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, Once, PoisonError};
+
+use gdal::Dataset;
+use gdal::errors::GdalError;
+use gdal::raster::{GdalType, RasterBand};
+
+use super::{Fingerprint, Samples, Source, SourceInfo, Window, check_window};
+use crate::error::{Error, Result};
+use crate::limits::Limits;
+use crate::sample::SampleType;
+
+/// A raster opened by GDAL.
+pub struct GdalSource {
+    path: PathBuf,
+    files: Vec<PathBuf>,
+    info: SourceInfo,
+    dataset: Mutex<Dataset>,
+    has_mask: bool,
+}
+
+impl GdalSource {
+    /// Opens a raster and checks its size and type.
+    pub fn open(path: &Path, limits: &Limits) -> Result<Self> {
+        let dataset = dataset(path)?;
+        let (info, has_mask) = describe::describe(&dataset, path, limits).map_err(|error| error.at(path))?;
+        let files = files::of(&dataset, path);
+        Ok(Self { path: path.to_owned(), files, info, dataset: Mutex::new(dataset), has_mask })
+    }
+
+    fn window(&self, columns: &Range<u32>, rows: &Range<u32>) -> Result<Window, GdalError> {
+        let dataset = self.dataset.lock().unwrap_or_else(PoisonError::into_inner);
+        let band = dataset.rasterband(1)?;
+        let samples = match self.info.sample_type {
+            // GDAL before 3.7 has no int8 and calls it a kind of byte; later ones convert to int16 exactly.
+            SampleType::Int8 if band.band_type().name() == "Byte" => {
+                Samples::Int8(read::<u8>(&band, columns, rows)?.into_iter().map(u8::cast_signed).collect())
+            }
+            SampleType::Int8 => {
+                Samples::Int8(read::<i16>(&band, columns, rows)?.into_iter().map(|s| s as i8).collect())
+            }
+            SampleType::Uint8 => Samples::Uint8(read(&band, columns, rows)?),
+            SampleType::Int16 => Samples::Int16(read(&band, columns, rows)?),
+            SampleType::Uint16 => Samples::Uint16(read(&band, columns, rows)?),
+            SampleType::Int32 => Samples::Int32(read(&band, columns, rows)?),
+            SampleType::Uint32 => Samples::Uint32(read(&band, columns, rows)?),
+            SampleType::Float32 => Samples::Float32(read(&band, columns, rows)?),
+            SampleType::Float64 => Samples::Float64(read(&band, columns, rows)?),
+        };
+        let mask = self.has_mask.then(|| read(&band.open_mask_band()?, columns, rows)).transpose()?;
+        Ok(Window { samples, mask })
+    }
+}
+
+impl Source for GdalSource {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window> {
+        check_window(&self.info, &columns, &rows)?;
+        self.window(&columns, &rows).map_err(|error| {
+            let place = format!("rows {} to {}", rows.start, rows.end);
+            Error::format(place, "samples", format!("GDAL's error: {error}")).at(&self.path)
+        })
+    }
+
+    fn fingerprint(&self) -> Result<Fingerprint> {
+        files::fingerprint(&self.files)
+    }
+}
+
+/// Opens a raster, for reading only and for this caller only.
+fn dataset(path: &Path) -> Result<Dataset> {
+    static READY: Once = Once::new();
+    READY.call_once(|| {
+        gdal::config::set_error_handler(|_, _, _| {});
+        // GDAL's own default is 5 % of all memory.
+        if std::env::var_os("GDAL_CACHEMAX").is_none() {
+            // SAFETY: sets a number, before this program reads anything through GDAL.
+            #[expect(unsafe_code, reason = "the bindings have no safe call for it")]
+            unsafe {
+                gdal_sys::GDALSetCacheMax64(BLOCK_CACHE);
+            }
+        }
+    });
+    Dataset::open(path).map_err(|error| {
+        let what = format!("GDAL cannot open it ({error})");
+        Error::unsupported(what, "see what gdalinfo says of it").at(path)
+    })
+}
+
+/// Bytes of GDAL's cache of decoded blocks, of all rasters together, unless `GDAL_CACHEMAX` says otherwise.
+const BLOCK_CACHE: i64 = 64 << 20;
+
+fn read<T: GdalType + Copy>(
+    band: &RasterBand<'_>,
+    columns: &Range<u32>,
+    rows: &Range<u32>,
+) -> Result<Vec<T>, GdalError> {
+    let size = (columns.len(), rows.len());
+    if rows.is_empty() || columns.is_empty() {
+        return Ok(Vec::new());
+    }
+    let start = (columns.start as isize, rows.start as isize);
+    Ok(band.read_as::<T>(start, size, size, None)?.into_shape_and_vec().1)
+}
