@@ -8,6 +8,7 @@ mod assemble;
 mod bytes;
 mod cache;
 pub mod directory;
+mod entry;
 pub mod layout;
 pub mod metadata;
 pub mod opening;
