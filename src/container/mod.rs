@@ -9,6 +9,7 @@ mod bytes;
 mod cache;
 pub mod directory;
 mod entry;
+pub mod imagery;
 pub mod layout;
 pub mod metadata;
 pub mod opening;
