@@ -8,6 +8,7 @@ mod epsg;
 pub mod gdal;
 pub mod geokeys;
 mod metadata;
+pub mod picture;
 pub mod tiff;
 mod wkt;
 
