@@ -6,7 +6,6 @@
 use std::collections::HashMap;
 
 use super::directory::{self, IndexPage, PageRef, Quadtree, Row, TileEntry, existing_children};
-use super::layout::MAX_LEVEL;
 use crate::codec::frame;
 use crate::error::{Error, Result};
 use crate::tile::TileId;
@@ -45,8 +44,8 @@ pub(super) struct PackedIndex {
 impl<R: Row> Tree<R> {
     /// Fails if this tile cannot come next: outside the square of its level, or there already.
     pub fn check_new(&self, id: TileId) -> Result<()> {
-        if id.level > MAX_LEVEL || id.x >> id.level != 0 || id.y >> id.level != 0 {
-            let side = 1_u64 << id.level.min(MAX_LEVEL);
+        if id.level > R::MAX_LEVEL || id.x >> id.level != 0 || id.y >> id.level != 0 {
+            let side = 1_u64 << id.level.min(R::MAX_LEVEL);
             return Err(Error::usage(format!("tile {id} is outside the {side} x {side} tiles of its level")));
         }
         let Some(rows) = self.levels.get(usize::from(id.level)) else { return Ok(()) };
@@ -109,16 +108,35 @@ impl<R: Row> Tree<R> {
         Ok(())
     }
 
+    /// Levels that have rows.
+    pub fn depth(&self) -> usize {
+        self.levels.len()
+    }
+
+    /// The rows of a level, whose ids must stay as they are.
+    pub fn level_mut(&mut self, level: u8) -> &mut [R] {
+        self.levels.get_mut(usize::from(level)).map_or(&mut [], |rows| &mut rows.entries)
+    }
+
+    /// Sorts every level into storage order.
+    pub fn sort(&mut self) {
+        for rows in &mut self.levels {
+            rows.entries.sort_by_cached_key(|entry| entry.id().hilbert());
+            for (place, entry) in rows.entries.iter().enumerate() {
+                rows.index.insert((entry.id().x, entry.id().y), place);
+            }
+        }
+    }
+
     /// Sorts every level into storage order and gives each tile its chunk offset in the tiles section. Returns the
     /// offsets that the rows had before, level by level in the new order, and the length of the section.
     pub fn place(&mut self) -> (Vec<Vec<u64>>, u64) {
+        self.sort();
         let mut end = 0;
         let mut sources = Vec::new();
         for rows in &mut self.levels {
-            rows.entries.sort_by_cached_key(|entry| entry.id().hilbert());
             let mut old = Vec::with_capacity(rows.entries.len());
-            for (place, entry) in rows.entries.iter_mut().enumerate() {
-                rows.index.insert((entry.id().x, entry.id().y), place);
+            for entry in &mut rows.entries {
                 old.push(entry.offset());
                 entry.set_offset(end);
                 end += entry.chunk_bytes();

@@ -31,6 +31,8 @@ pub trait Row: Copy {
     const BYTES: usize;
     /// What errors put before "tile" and "index page".
     const LAYER: &'static str;
+    /// Deepest level that a layer can have.
+    const MAX_LEVEL: u8;
 
     /// Which tile.
     fn id(&self) -> TileId;

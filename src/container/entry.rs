@@ -2,6 +2,7 @@
 
 use super::bytes::Bytes;
 use super::directory::{Row, column, encode_columns, existing_children};
+use super::layout::MAX_LEVEL;
 use crate::error::{Error, Result};
 use crate::error_code;
 use crate::tile::TileId;
@@ -149,6 +150,7 @@ impl TileEntry {
 impl Row for TileEntry {
     const BYTES: usize = 46;
     const LAYER: &'static str = "";
+    const MAX_LEVEL: u8 = MAX_LEVEL;
 
     fn id(&self) -> TileId {
         self.id

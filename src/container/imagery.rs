@@ -166,6 +166,7 @@ impl ImageryEntry {
 impl Row for ImageryEntry {
     const BYTES: usize = 25;
     const LAYER: &'static str = "imagery ";
+    const MAX_LEVEL: u8 = MAX_IMAGERY_LEVEL;
 
     fn id(&self) -> TileId {
         self.id

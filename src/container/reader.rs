@@ -7,6 +7,7 @@
 //! There is no way to decode masks alone: a mask needs its parent's, and the states come with the heights of
 //! [`Reader::read_tile`]. What only counts samples finds the counts in [`Reader::statistics`].
 
+mod imagery;
 mod index;
 mod tiles;
 mod walk;
@@ -28,6 +29,7 @@ use crate::file::read_exact_at;
 use crate::geo::Geo;
 use crate::limits::Limits;
 use crate::tile::TileId;
+pub use imagery::ImageryLayer;
 use index::{Index, Input};
 
 /// How much a reader keeps and accepts.
@@ -54,6 +56,7 @@ pub struct Reader {
     geo: Geo,
     limits: Limits,
     index: Index<Header, TileEntry>,
+    imagery: Option<ImageryLayer>,
     lattices: Lattices,
     desks: Mutex<Vec<tiles::Desk>>,
 }
@@ -86,18 +89,21 @@ impl Reader {
         let header = opening.header.clone();
         let count = header.tile_count;
         let index = Index::new(root, header, count, [tiles, pages], options.limits, for_pages)?;
+        let input = Arc::new(Input { path: path.to_owned(), file });
+        let imagery = ImageryLayer::open(&input, &start, &opening, options.limits, for_pages)?;
         let geo = Geo {
             transform: opening.header.transform,
             pixel_is_point: metadata.pixel_is_point,
             crs: metadata.crs.clone(),
         };
         Ok(Self {
-            input: Arc::new(Input { path: path.to_owned(), file }),
+            input,
             opening,
             metadata,
             geo,
             limits: options.limits,
             index,
+            imagery,
             lattices: Lattices::new(options.cache_bytes - for_pages),
             desks: Mutex::default(),
         })
@@ -131,6 +137,11 @@ impl Reader {
     /// Its sections, those of unknown kinds as well.
     pub fn sections(&self) -> &[SectionEntry] {
         &self.opening.sections
+    }
+
+    /// The imagery layer, if the file has one.
+    pub fn imagery(&self) -> Option<&ImageryLayer> {
+        self.imagery.as_ref()
     }
 
     /// The statistics, if the file has any.

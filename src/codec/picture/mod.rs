@@ -124,6 +124,8 @@ pub struct PictureChunks {
     pub colour: Vec<u8>,
     /// Alpha, lossless, if the codec does not carry it with the colour and the tile is not opaque.
     pub alpha: Vec<u8>,
+    /// True if some texel is not opaque.
+    pub clear: bool,
 }
 
 /// Encodes a tile. If all texels are opaque, no alpha is stored.
@@ -137,11 +139,12 @@ pub fn encode(form: &Form, texels: &Texels) -> Result<PictureChunks> {
         Codec::Png => lossless::encode_png(form, &texels.colour, alpha)?,
         Codec::Bc7 | Codec::Bc1 => block::encode(form, &texels.colour, alpha)?,
     };
+    let clear = alpha.is_some();
     let alpha = match alpha {
         Some(alpha) if !form.codec.carries_alpha() => alpha::encode(form.side, alpha)?,
         _ => Vec::new(),
     };
-    Ok(PictureChunks { colour, alpha })
+    Ok(PictureChunks { colour, alpha, clear })
 }
 
 /// Fails unless the texels have the form.

@@ -80,6 +80,11 @@ impl<T: Quadtree, R: Row> Index<T, R> {
         Ok(Self { tree, tiles, pages, count, root, loaded: Store::new(cache), limits })
     }
 
+    /// The root page.
+    pub fn root_page(&self) -> &IndexPage<R> {
+        &self.root.page
+    }
+
     /// The row of a tile; `None` if the tile does not exist.
     pub fn entry(&self, input: &Input, id: TileId) -> Result<Option<R>> {
         if !self.tree.holds(id) {
