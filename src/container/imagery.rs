@@ -1,4 +1,4 @@
-//! The imagery layer (section 11 of the specification): its header, and the rows of its index.
+//! The imagery layer (section 16 of the specification): its header, and the rows of its index.
 
 use super::bytes::Bytes;
 use super::directory::{ChunkPlace, IndexPage, Quadtree, Row, column, encode_columns, existing_children};

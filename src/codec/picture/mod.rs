@@ -1,4 +1,4 @@
-//! One imagery tile's bytes: texels <-> a chunk of colour and a chunk of alpha (`format-spec.md`, section 11.3).
+//! One imagery tile's bytes: texels <-> a chunk of colour and a chunk of alpha (`format-spec.md`, section 16.3).
 //!
 //! All tiles of a layer have one [`Form`]. JPEG keeps what its tiles share (quantisation and Huffman tables, size) once, in the
 //! layer's header: the *prefix*; a chunk is the entropy-coded data alone. Encoders are deterministic, whatever the machine and the thread.
