@@ -5,6 +5,8 @@
 mod build;
 mod dem;
 mod export;
+#[expect(dead_code, reason = "used by build and add, which come next")]
+mod imagery;
 mod info;
 mod merge;
 mod progress;
