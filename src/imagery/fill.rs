@@ -30,7 +30,8 @@ pub(super) fn fill(colour: &mut [u8], alpha: &[u8], side: usize, channels: usize
 
 fn halve(colour: &[u8], known: &[bool], side: usize, channels: usize) -> Means {
     let half = side.div_ceil(2);
-    let mut means = Means { side: half, colour: vec![0; half * half * channels], known: vec![false; half * half] };
+    let mut means =
+        Means { side: half, colour: vec![0; half * half * channels], known: vec![false; half * half] };
     let mut sums = vec![0_u32; channels];
     for (index, mean) in means.colour.chunks_exact_mut(channels).enumerate() {
         let (x, y) = (index % half * 2, index / half * 2);

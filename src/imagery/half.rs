@@ -17,7 +17,11 @@ pub(super) struct Half {
 impl Half {
     /// Of the texels of a tile without its gutter.
     pub(super) fn of(canvas: &Canvas) -> Self {
-        if canvas.kind.channels() == 1 { simd::run(Halve::<1>(canvas)) } else { simd::run(Halve::<3>(canvas)) }
+        if canvas.kind.channels() == 1 {
+            simd::run(Halve::<1>(canvas))
+        } else {
+            simd::run(Halve::<3>(canvas))
+        }
     }
 
     /// Copies it to cell (`x`, `y`) of a tile above: 1 and 2 are its own quadrants, 0 and 3 those of its neighbours, of which only
@@ -59,7 +63,9 @@ impl<const C: usize> Kernel for Halve<'_, C> {
         let out = colour.chunks_exact_mut(half * C).zip(alpha.chunks_exact_mut(half));
         for (row, (colour, alpha)) in out.enumerate() {
             let start = (GUTTER + 2 * row) * side + GUTTER;
-            let texels = |start: usize| self.0.colour[start * C..][..2 * half * C].as_chunks::<C>().0.as_chunks::<2>().0;
+            let texels = |start: usize| {
+                self.0.colour[start * C..][..2 * half * C].as_chunks::<C>().0.as_chunks::<2>().0
+            };
             let opacities = |start: usize| self.0.alpha[start..][..2 * half].as_chunks::<2>().0;
             let (upper, lower) = (texels(start), texels(start + side));
             let (above, below) = (opacities(start), opacities(start + side));

@@ -57,7 +57,7 @@ impl Tables {
     /// The byte of a sum of linear light, `weights` times 0 to 65535.
     #[inline(always)]
     pub(super) fn byte16(&self, sum: u32, weights: u32) -> u8 {
-        self.bytes[((sum + 2 * weights) / (4 * weights) & 0x7FFF) as usize]
+        self.bytes[(((sum + 2 * weights) / (4 * weights)) & 0x7FFF) as usize]
     }
 }
 

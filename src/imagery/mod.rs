@@ -113,7 +113,9 @@ pub fn build(
     let kind = if is_rgb { Colour::Rgb } else { Colour::Grey };
     let counts = Sweep { placed: &placed, kind, tile: grid.tile as usize, sink, observer }.run()?;
     if counts.leaf_texels == 0 {
-        return Err(Error::usage("the imagery is wholly transparent over the heights: there is nothing to store"));
+        return Err(Error::usage(
+            "the imagery is wholly transparent over the heights: there is nothing to store",
+        ));
     }
     Ok(PyramidReport {
         kind,

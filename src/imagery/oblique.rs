@@ -89,9 +89,9 @@ fn interpolate<const C: usize, const K: usize>(
         let index = row * width + column;
         let opacity = window.pixels.alpha.as_ref().map_or(255, |alpha| alpha[index]);
         let weight = weight as f32 * (f32::from(opacity) / 255.0);
-        for channel in 0..C {
-            let byte = window.pixels.colour[index * C + channel];
-            sums[channel] += TABLES.light[usize::from(byte)] * weight;
+        let pixel = &window.pixels.colour[index * C..][..C];
+        for (sum, &byte) in sums.iter_mut().zip(pixel) {
+            *sum += TABLES.light[usize::from(byte)] * weight;
         }
         sums[C] += weight;
     }

@@ -126,7 +126,9 @@ impl<'a> Placed<'a> {
         if placed.inside() > 0.0 {
             return Ok(placed);
         }
-        Err(wrong("it lies wholly outside the square of the heights: are both in the same place and coordinate system?"))
+        Err(wrong(
+            "it lies wholly outside the square of the heights: are both in the same place and coordinate system?",
+        ))
     }
 
     /// From texels of a level to pixels.

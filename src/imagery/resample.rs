@@ -258,7 +258,9 @@ impl<const C: usize, const K: usize> Kernel for Sheer<'_, C, K> {
 #[inline(always)]
 fn sheer_row<const C: usize, const K: usize>(bytes: &[u8], alpha: Option<&[u8]>, out: &mut [f32]) {
     let tables = &*TABLES;
-    for (index, (out, bytes)) in out.as_chunks_mut::<K>().0.iter_mut().zip(bytes.as_chunks::<C>().0).enumerate() {
+    for (index, (out, bytes)) in
+        out.as_chunks_mut::<K>().0.iter_mut().zip(bytes.as_chunks::<C>().0).enumerate()
+    {
         let opacity = f32::from(alpha.map_or(255, |alpha| alpha[index])) / 255.0;
         for channel in 0..C {
             out[channel] = tables.light[usize::from(bytes[channel])] * opacity;

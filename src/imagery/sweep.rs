@@ -90,7 +90,11 @@ impl Sweep<'_> {
         let mut levels: Vec<Level> = (0..=finest).map(|level| self.level(level)).collect();
         let mut counts = Counts { tiles: vec![0; levels.len()], ..Counts::default() };
         let own = |level: usize| {
-            levels[level].rows.clone().flat_map(move |row| self.own(level, row)).map(|columns| columns.len() as u64)
+            levels[level]
+                .rows
+                .clone()
+                .flat_map(move |row| self.own(level, row))
+                .map(|columns| columns.len() as u64)
         };
         let progress = Progress {
             done: AtomicU64::new(0),
@@ -198,7 +202,8 @@ impl Sweep<'_> {
         let made: Vec<Result<Option<(TileId, Made)>>> =
             self.candidates(level, rows.clone(), children).par_iter().map(make).collect();
         // An error of one tile interrupts the others: it is the one to report.
-        let is_cause = |made: &Result<_>| made.as_ref().is_err_and(|error| !matches!(error, Error::Interrupted));
+        let is_cause =
+            |made: &Result<_>| made.as_ref().is_err_and(|error| !matches!(error, Error::Interrupted));
         let cause = made.iter().position(is_cause);
         for result in made.into_iter().skip(cause.unwrap_or(0)) {
             let Some((id, made)) = result? else { continue };
@@ -242,12 +247,8 @@ impl Sweep<'_> {
         let alpha = inner.flat_map(|row| &row[GUTTER..side - GUTTER]).map(|&alpha| u64::from(alpha)).sum();
         fill::fill(&mut canvas.colour, &canvas.alpha, side, self.kind.channels());
         let opaque = canvas.is_opaque();
-        let texels = Texels {
-            side,
-            kind: self.kind,
-            colour: canvas.colour,
-            alpha: (!opaque).then_some(canvas.alpha),
-        };
+        let texels =
+            Texels { side, kind: self.kind, colour: canvas.colour, alpha: (!opaque).then_some(canvas.alpha) };
         self.sink.tile(id, children, texels)?;
         Ok(Some(Made { half, leaf: children == 0, alpha }))
     }

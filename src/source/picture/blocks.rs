@@ -79,7 +79,7 @@ impl Shape {
     }
 
     /// Columns and rows of the raster in a block.
-    fn window(&self, block: usize) -> (Range<u32>, Range<u32>) {
+    pub(super) fn window(&self, block: usize) -> (Range<u32>, Range<u32>) {
         let (column, row) = (block % self.across() as usize, block / self.across() as usize);
         let (left, top) = (column as u32 * self.block_width, row as u32 * self.block_height);
         let right = u64::from(left) + u64::from(self.block_width);
@@ -159,7 +159,8 @@ impl Layer {
                 pixels.alpha = Some(vec![255; count]);
             }
             for row in y..down.end.min(rows.end) {
-                let from = (row - down.start) as usize * shape.block_width as usize + (x - across.start) as usize;
+                let from =
+                    (row - down.start) as usize * shape.block_width as usize + (x - across.start) as usize;
                 let to = (row - rows.start) as usize * width + (x - columns.start) as usize;
                 pixels.colour[to * channels..][..run * channels]
                     .copy_from_slice(&block.colour[from * channels..][..run * channels]);
@@ -199,7 +200,7 @@ impl BlockPicture {
     /// Type and number of the bands that may be stretched; `None` of bits and of indices.
     pub(super) fn stretchable(&self) -> Option<(SampleType, usize)> {
         let recipe = &self.layer.recipe;
-        (recipe.palette.is_none() && !recipe.is_bit).then(|| (recipe.kind, recipe.colours.len()))
+        (recipe.palette.is_none() && !recipe.is_bit).then_some((recipe.kind, recipe.colours.len()))
     }
 
     /// How many blocks there are.
@@ -233,7 +234,7 @@ impl BlockPicture {
             for (values, plane) in values.iter_mut().zip(planes) {
                 plane.each(recipe.kind, |index, value| {
                     // Rows are shifted against each other, so that no column is left out.
-                    if (index + index / width * 7) % step == 0 && value.is_finite() && shown(index) {
+                    if (index + index / width * 7).is_multiple_of(step) && value.is_finite() && shown(index) {
                         values.push(value);
                     }
                 });
@@ -257,7 +258,8 @@ impl Picture for BlockPicture {
     fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Pixels> {
         let (width, height) = (self.info.width, self.info.height);
         if columns.start > columns.end || columns.end > width || rows.start > rows.end || rows.end > height {
-            let what = format!("columns {columns:?}, rows {rows:?}: the picture has {width} x {height} pixels");
+            let what =
+                format!("columns {columns:?}, rows {rows:?}: the picture has {width} x {height} pixels");
             return Err(Error::usage(what));
         }
         let mut pixels = self.layer.window(&columns, &rows)?;

@@ -51,7 +51,6 @@ macro_rules! visit {
 impl Plane<'_> {
     /// Its samples one after the other.
     #[inline]
-    #[expect(clippy::useless_conversion, reason = "of one of the types only")]
     pub(super) fn each(self, kind: SampleType, mut visit: impl FnMut(usize, f64)) {
         match kind {
             SampleType::Int8 => visit!(i8, self, visit),
@@ -98,9 +97,9 @@ impl Recipe {
                 }
             }
         }
-        let mut alpha = self.hidden(planes, count).map(|hidden| {
-            hidden.into_iter().map(|hidden| if hidden { 0 } else { 255 }).collect::<Vec<u8>>()
-        });
+        let mut alpha = self
+            .hidden(planes, count)
+            .map(|hidden| hidden.into_iter().map(|hidden| if hidden { 0 } else { 255 }).collect::<Vec<u8>>());
         if self.alpha.is_some() {
             let alpha = alpha.get_or_insert_with(|| vec![255; count]);
             planes[self.colours.len()].each(self.kind, |index, value| {
@@ -179,7 +178,9 @@ fn divide(colour: &mut [u8], alpha: &[u8], channels: usize) {
     for (pixel, &alpha) in colour.chunks_exact_mut(channels).zip(alpha) {
         let alpha = u32::from(alpha);
         if (1..255).contains(&alpha) {
-            pixel.iter_mut().for_each(|c| *c = ((u32::from(*c) * 255 + alpha / 2) / alpha).min(255) as u8);
+            for value in pixel {
+                *value = ((u32::from(*value) * 255 + alpha / 2) / alpha).min(255) as u8;
+            }
         }
     }
 }

@@ -107,12 +107,10 @@ pub fn open_all(
     crs: &Crs,
     limits: &Limits,
 ) -> Result<Vec<Box<dyn Picture>>> {
-    if let Some(bands) = &options.bands {
-        if !(1..=4).contains(&bands.len()) || bands.contains(&0) {
-            return Err(Error::usage(
-                "bands of a picture are one (grey) or three (red, green, blue), and one more for alpha, counted from 1",
-            ));
-        }
+    if options.bands.as_ref().is_some_and(|bands| !(1..=4).contains(&bands.len()) || bands.contains(&0)) {
+        return Err(Error::usage(
+            "bands of a picture are one (grey) or three (red, green, blue), and one more for alpha, counted from 1",
+        ));
     }
     let cache = Arc::new(Cache::new(CACHE_BYTES));
     let mut opened = Vec::new();

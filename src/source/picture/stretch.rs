@@ -54,7 +54,8 @@ pub(super) fn settle(pictures: &mut [BlockPicture], wanted: Option<Stretch>) -> 
         done.push(*group);
         let (kind, bands) = *group;
         let rule = wanted.unwrap_or(if kind == SampleType::Uint8 { Stretch::None } else { Stretch::WIDE });
-        let members = || groups.iter().enumerate().filter(|(_, other)| **other == Some(*group)).map(|(at, _)| at);
+        let members =
+            || groups.iter().enumerate().filter(|(_, other)| **other == Some(*group)).map(|(at, _)| at);
         let ranges = match (rule, kind) {
             (Stretch::None, SampleType::Uint8) => continue,
             (Stretch::None, SampleType::Uint16) => vec![(0.0, 65535.0); bands],
@@ -89,7 +90,9 @@ fn measure(pictures: &[&BlockPicture], bands: usize, rule: Stretch) -> Result<Ve
     let read = |(picture, block, most): (&BlockPicture, usize, usize)| {
         let mut values = picture.values(block, most)?;
         if all {
-            values.iter_mut().for_each(|band| *band = ends(band));
+            for band in &mut values {
+                *band = ends(band);
+            }
         }
         Ok(values)
     };

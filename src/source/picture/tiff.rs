@@ -38,7 +38,7 @@ pub(super) fn open(path: &Path, options: &PictureOptions, limits: &Limits) -> Re
 }
 
 /// One band of bytes.
-fn plain() -> Recipe {
+pub(super) fn plain() -> Recipe {
     Recipe {
         kind: SampleType::Uint8,
         is_bit: false,
@@ -53,7 +53,7 @@ fn plain() -> Recipe {
 }
 
 fn recipe(raster: &Raster, meaning: &Meaning, wanted: Option<&[u32]>) -> Result<Recipe> {
-    let bands = raster.bands() as usize;
+    let bands = raster.band_count() as usize;
     let colours = match (meaning.photometric, raster.is_jpeg()) {
         (WHITE_IS_ZERO | BLACK_IS_ZERO | RGB, _) | (YCBCR, true) => None,
         (PALETTE, _) => Some(palette(raster, meaning)?),
@@ -64,7 +64,11 @@ fn recipe(raster: &Raster, meaning: &Meaning, wanted: Option<&[u32]>) -> Result<
     };
     // Extra bands stand after the colours.
     let extra = bands.saturating_sub(meaning.extra.len());
-    let own = meaning.extra.iter().position(|&kind| matches!(kind, 1 | 2)).map(|at| (extra + at, meaning.extra[at] == 1));
+    let own = meaning
+        .extra
+        .iter()
+        .position(|&kind| matches!(kind, 1 | 2))
+        .map(|at| (extra + at, meaning.extra[at] == 1));
     let own = own.filter(|&(band, _)| band < bands);
     let (chosen, alpha) = choose(bands, own.map(|(band, _)| band), wanted, colours.is_some())?;
     Ok(Recipe {
@@ -99,7 +103,8 @@ pub(super) fn choose(
         return Err(Error::usage(format!("there is no band {band}: the picture has {bands}")));
     }
     let mut chosen: Vec<usize> = wanted.iter().map(|&band| band as usize - 1).collect();
-    let alpha = if chosen.len() % 2 == 0 { chosen.pop() } else { own.filter(|band| !chosen.contains(band)) };
+    let alpha =
+        if chosen.len().is_multiple_of(2) { chosen.pop() } else { own.filter(|band| !chosen.contains(band)) };
     if indexed && chosen.len() != 1 {
         return Err(Error::usage("a picture with a palette has one band of colours"));
     }
@@ -116,7 +121,11 @@ fn palette(raster: &Raster, meaning: &Meaning) -> Result<Vec<[u8; 3]>> {
     };
     let values = meaning.palette.as_deref().unwrap_or_default();
     if values.len() != 3 * entries {
-        return Err(Error::format("TIFF tag 320 (ColorMap)", format!("{} numbers", 3 * entries), values.len()));
+        return Err(Error::format(
+            "TIFF tag 320 (ColorMap)",
+            format!("{} numbers", 3 * entries),
+            values.len(),
+        ));
     }
     // Some writers put bytes there.
     let shift = if values.iter().all(|&value| value < 256) { 0 } else { 8 };

@@ -70,7 +70,7 @@ fn check(stream: &[u8], bands: usize, name: &dyn Fn() -> String) -> Result<()> {
         }
         let [high, low, body @ ..] = tail else { break };
         let length = usize::from(u16::from_be_bytes([*high, *low])).saturating_sub(2);
-        let (&[first, .., ], Some(next)) = (body, body.get(length..)) else { break };
+        let (&[first, ..], Some(next)) = (body, body.get(length..)) else { break };
         match marker {
             0xC0..=0xC2 => {
                 if first != 8 {
@@ -101,5 +101,8 @@ fn check(stream: &[u8], bands: usize, name: &dyn Fn() -> String) -> Result<()> {
 }
 
 fn refused(what: String) -> Error {
-    Error::unsupported(what, "build with --features gdal, or convert it with gdal_translate -co COMPRESS=DEFLATE")
+    Error::unsupported(
+        what,
+        "build with --features gdal, or convert it with gdal_translate -co COMPRESS=DEFLATE",
+    )
 }

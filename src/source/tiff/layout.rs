@@ -144,7 +144,11 @@ impl Layout {
             compression,
             predictor,
             swapped: reader.swapped,
-            jpeg: if compression == Compression::Jpeg { jpeg(reader, directory)? } else { (Vec::new(), false) },
+            jpeg: if compression == Compression::Jpeg {
+                jpeg(reader, directory)?
+            } else {
+                (Vec::new(), false)
+            },
             offsets: Vec::new(),
             counts: Vec::new(),
         };
@@ -248,7 +252,11 @@ impl Layout {
     /// A block that has to be decoded as a whole must fit; of others only the rows in use are ever copied.
     fn check_size(&self, limits: &Limits) -> Result<()> {
         let bytes = u128::from(self.row_bytes()) * u128::from(self.block_height);
-        let max = if self.is_direct() && !self.all_bands { u128::from(u64::MAX) } else { u128::from(limits.block_bytes) };
+        let max = if self.is_direct() && !self.all_bands {
+            u128::from(u64::MAX)
+        } else {
+            u128::from(limits.block_bytes)
+        };
         if bytes > max {
             let what = if self.tiled {
                 "the size of a decoded tile in bytes"

@@ -50,7 +50,10 @@ impl Raster {
             Stored::Number(kind) => kind,
         };
         if layout.stored == Stored::Bit && layout.band_count > 1 {
-            return Err(Error::unsupported("several bands of 1 bit", "convert it with gdal_translate -ot Byte"));
+            return Err(Error::unsupported(
+                "several bands of 1 bit",
+                "convert it with gdal_translate -ot Byte",
+            ));
         }
         let name = if reader.big { "GeoTIFF (big)" } else { "GeoTIFF" };
         let meaning = Meaning {
@@ -85,7 +88,7 @@ impl Raster {
     }
 
     /// Bands of the file.
-    pub(in crate::source) fn bands(&self) -> u32 {
+    pub(in crate::source) fn band_count(&self) -> u32 {
         self.band.layout.band_count
     }
 
