@@ -1,9 +1,16 @@
-//! A level of a container back to a raster: GeoTIFF, or a shaded picture.
+//! A level or a tile of a container back to a raster: GeoTIFF, or a picture.
 //!
 //! Tiles are read in rows from north to south; memory grows with the width of the level. At the leaf level the samples are
 //! the source's own, bit for bit unless the file is quantised.
 
+mod imagery;
+mod picture_file;
+mod tile;
+
 use std::path::Path;
+
+pub use imagery::{imagery_geotiff, imagery_picture, imagery_tile};
+pub use tile::{HeightScale, tile_geotiff, tile_picture};
 
 use crate::container::layout::Header;
 use crate::container::reader::Reader;

@@ -8,6 +8,7 @@
 mod borders;
 mod deep;
 mod full;
+mod imagery;
 mod index;
 mod outline;
 mod paper;
@@ -47,7 +48,7 @@ impl Default for VerifyOptions {
 /// How far a verification is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
-    /// What is being looked at: `tiles`, `source`, `errors`.
+    /// What is being looked at: `tiles`, `imagery`, `source`, `errors`.
     pub stage: &'static str,
     /// How much of it is done.
     pub done: u64,
@@ -72,6 +73,10 @@ pub fn verify(
     report.checks.push(index::pages(reader, options)?);
     let (tables, checks) = tiles::check(reader, options, progress)?;
     report.checks.extend(checks);
+    if let Some(layer) = reader.imagery() {
+        report.checks.push(index::imagery_pages(reader, layer, options)?);
+        report.checks.push(imagery::tiles(layer, options, progress)?);
+    }
     if let Some(source) = source {
         report.checks.extend(raster::check(reader, source, options, progress)?);
     }

@@ -6,6 +6,11 @@ storage order:
 
     level/x/y children flags sha256(heights) sha256(validity) sha256(errors)
 
+and then, if the file has imagery, a line for the layer and one for each of its tiles (JPEG and WebP are decoded if
+Pillow is there):
+
+    imagery level/x/y children sha256(colour) sha256(alpha)
+
 heights:  i32 codes row by row, then (float64) u32 lows; void samples as 0
 validity: one byte per sample, 0 void, 1 valid
 errors:   one byte per patch (drawable), then u16 vertical, then u16 horizontal codes, [step][patch]
@@ -84,7 +89,8 @@ BITS_OF = [bytes(byte >> i & 1 for i in range(8)) for byte in range(256)]
 
 HEADER = struct.Struct("<8sHHIIIQIIBBBBBBHdddddd d6dQ92sI")
 SOURCE_TYPES = {1: "b", 2: "B", 3: "h", 4: "H", 5: "i", 6: "I", 7: "f", 8: "d"}
-KNOWN = {1: ("metadata", 2), 2: ("root page", 3), 3: ("statistics", 2), 4: ("pages", 1), 5: ("tiles", 1)}
+KNOWN = {1: ("metadata", 2), 2: ("root page", 3), 3: ("statistics", 2), 4: ("pages", 1), 5: ("tiles", 1),
+         16: ("imagery", 2), 17: ("imagery pages", 0), 18: ("imagery tiles", 0)}
 
 
 class Header:
@@ -162,6 +168,7 @@ def read_sections(data, header):
             need(offset + length <= 65536, f"{place}: does not lie within the first 65536 bytes")
         sections[kind] = (offset, part)
     need(all(kind in sections for kind in (1, 2, 4, 5)), "section table: kinds 1, 2, 4 and 5 have to be there")
+    need(sum(kind in sections for kind in (16, 17, 18)) in (0, 3), "section table: a part of the imagery is missing")
     check_tiling(extents, 256 + 32 * header.sections, len(data), "sections")
     return sections
 
@@ -752,6 +759,183 @@ def add_to_raster(raster, tile, header):
                 raster[r * header.w + c] = round(value) if exact else value
 
 
+# ---- 16. Imagery ------------------------------------------------------------------------------
+
+class Imagery:
+    """Header, prefix and index of the imagery layer; `tiles` in storage order."""
+
+    def __init__(self, sections):
+        data = bytes(sections[16][1])
+        need(len(data) >= 24, "imagery: cut off")
+        (self.t, self.g, self.codec, self.quality, self.channels, flags, self.leaf, self.count, root,
+         prefix) = struct.unpack_from("<HBBBBBBQII", data)
+        self.side = self.t + 2 * self.g
+        need(64 <= self.t <= 4096 and self.t % 4 == 0, f"imagery: tiles of {self.t} texels")
+        need(self.g <= 16 and self.side % 4 == 0, f"imagery: gutter {self.g}")
+        need(1 <= self.codec <= 5, f"imagery: codec {self.codec} is not known")
+        need(1 <= self.quality <= 100 if self.codec == 1 else self.quality == 0, f"imagery: quality {self.quality}")
+        need(self.channels in (1, 3), f"imagery: {self.channels} channels")
+        need(flags < 2 and self.leaf <= 30 and self.count, "imagery: flags, leaf level or tile count")
+        need(24 + root + prefix == len(data), "imagery: another length")
+        need(bool(prefix) == (self.codec == 1) and prefix <= 4096, "imagery: JPEG prefix")
+        self.prefix = data[24 + root:]
+        self.clear = flags & 1
+        pages, chunks = sections[17][1], sections[18][1]
+        self.tiles, refers = self.read_page(data[24:24 + root], "imagery root page", 0, 0, 0)
+        waiting, extents = [(r, len(pages)) for r in refers], []
+        while waiting:
+            ((level, x, y), offset, length, crc), limit = waiting.pop()
+            place = f"imagery page {level}/{x}/{y}"
+            need(offset + length <= limit, f"{place}: does not end before the page that refers to it")
+            extents.append((offset, offset + length))
+            check_crc(pages[offset:offset + length], crc, place)
+            more, refers = self.read_page(pages[offset:offset + length], place, level, x, y)
+            self.tiles += more
+            waiting += [(r, offset) for r in refers]
+        need(len(self.tiles) == self.count, f"imagery: {len(self.tiles)} tiles, the header says {self.count}")
+        check_tiling(extents, 0, len(pages), "imagery pages")
+        self.tiles.sort(key=lambda tile: (tile.level, hilbert(tile)))
+        at = 0
+        for tile in self.tiles:
+            need(tile.offset == at, f"imagery tile {tile.name()}: chunks at {tile.offset}, expected at {at}")
+            at += sum(tile.lengths)
+        need(at == len(chunks), f"imagery tiles: {len(chunks)} bytes, its chunks have {at}")
+        need(self.tiles[-1].level == self.leaf, "imagery: no tile at the leaf level")
+        self.chunks = chunks
+
+    def read_page(self, stored, place, level, x, y):
+        data = frame(stored, 1 << 20, place)
+        need(len(data) >= 16, f"{place}: too short")
+        got_level, depth, reserved, got_x, got_y, n = struct.unpack_from("<BBHIII", data)
+        need((got_level, got_x, got_y, reserved) == (level, x, y, 0), f"{place}: holds {got_level}/{got_x}/{got_y}")
+        need(depth == page_depth(level, self.leaf) and 1 <= n <= 341, f"{place}: {depth} levels, {n} tiles")
+        at = 16
+
+        def column(letter, count):
+            nonlocal at
+            size = struct.calcsize(f"<{count}{letter}")
+            need(at + size <= len(data), f"{place}: cut off")
+            at += size
+            return struct.unpack_from(f"<{count}{letter}", data, at - size)
+
+        columns = [column(letter, n) for letter in "BQIIII"]
+        tiles, here = [], [(level, x, y)]
+        for l in range(level, level + depth):
+            need(len(tiles) + len(here) <= n, f"{place}: more tiles than {n}")
+            below = []
+            for position in here:
+                tile = Tile()
+                tile.level, tile.x, tile.y = position
+                tile.children, tile.offset, *rest = (c[len(tiles)] for c in columns)
+                tile.lengths, tile.crcs = rest[:2], rest[2:]
+                need(tile.children < 16 and tile.lengths[0], f"imagery tile {tile.name()}: children or colour")
+                need(tile.level < self.leaf or not tile.children, f"imagery tile {tile.name()}: children below")
+                below += [(l + 1, 2 * tile.x + (q & 1), 2 * tile.y + (q >> 1)) for q in range(4)
+                          if tile.children >> q & 1]
+                tiles.append(tile)
+            here = below
+        need(len(tiles) == n, f"{place}: {n} tiles, its children bits say {len(tiles)}")
+        refers = list(zip(here, *(column(letter, len(here)) for letter in "QII")))
+        need(at == len(data), f"{place}: {len(data) - at} bytes too many")
+        return tiles, refers
+
+    def decode(self, tile):
+        """16.3: (colour or None where no decoder is at hand, alpha), a byte a channel."""
+        place = f"imagery tile {tile.name()}"
+        first, last = tile.offset + tile.lengths[0], tile.offset + sum(tile.lengths)
+        colour, alpha = bytes(self.chunks[tile.offset:first]), bytes(self.chunks[first:last])
+        check_crc(colour, tile.crcs[0], f"{place}, colour")
+        check_crc(alpha, tile.crcs[1], f"{place}, alpha")
+        need(not alpha or self.codec in (1, 4, 5), f"{place}: an alpha chunk")
+        opaque = b"\xff" * self.side ** 2
+        if self.codec == 3:
+            return decode_png(colour, self.side, self.channels, place)
+        alpha = self.decode_alpha(alpha, place) if alpha else opaque
+        if self.codec == 1:
+            return decode_picture(self.prefix + colour + b"\xff\xd9", self.side, self.channels, place)[0], alpha
+        if self.codec == 2:
+            return decode_picture(colour, self.side, self.channels, place)
+        size = (self.side // 4) ** 2 * (16 if self.codec == 4 else 8)
+        blocks = frame(colour, size, place)
+        need(len(blocks) == size, f"{place}: {len(blocks)} bytes of blocks, expected {size}")
+        return None, alpha
+
+    def decode_alpha(self, chunk, place):
+        side, form = self.side, chunk[0]
+        need(form < 2, f"{place}: alpha of form {form}")
+        size = side * side if form == 0 else (side * side + 7) // 8
+        changes = frame(chunk[1:], size, place)
+        need(len(changes) == size, f"{place}: {len(changes)} bytes of alpha")
+        if form == 1:
+            changes = bytes(255 * bit for bit in take_bits(changes, side * side, place))
+        out = bytearray(b"\xff" * side)
+        for i, change in enumerate(changes):
+            out.append(out[i] ^ change if form == 1 else (out[i] + change) & 255)
+        return bytes(out[side:])
+
+
+def decode_png(data, side, channels, place):
+    """A PNG of 8 bits without interlacing, by hand."""
+    need(data[:8] == b"\x89PNG\r\n\x1a\n", f"{place}: not a PNG")
+    at, packed = 8, b""
+    while at < len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        if kind == b"IHDR":
+            width, height, depth, colour, _, _, interlaced = struct.unpack_from(">IIBBBBB", data, at + 8)
+        elif kind == b"IDAT":
+            packed += data[at + 8:at + 8 + length]
+        at += 12 + length
+    need((width, height, depth, interlaced) == (side, side, 8, 0), f"{place}: another PNG")
+    has_alpha = colour in (4, 6)
+    need(colour & 3 == (2 if channels == 3 else 0), f"{place}: colour type {colour}")
+    size = channels + has_alpha
+    raw, rows, above = zlib.decompress(packed), bytearray(), bytearray(side * size)
+    need(len(raw) == side * (side * size + 1), f"{place}: {len(raw)} bytes of pixels")
+    for y in range(side):
+        start = y * (side * size + 1)
+        method, row = raw[start], bytearray(raw[start + 1:start + 1 + side * size])
+        for i in range(len(row)):
+            a = row[i - size] if i >= size else 0
+            b, c = above[i], above[i - size] if i >= size else 0
+            p = a + b - c
+            nearest = min((abs(p - a), 0, a), (abs(p - b), 1, b), (abs(p - c), 2, c))[2]
+            row[i] = (row[i] + (0, a, b, (a + b) // 2, nearest)[method]) & 255
+        rows += row
+        above = row
+    if not has_alpha:
+        return bytes(rows), b"\xff" * side ** 2
+    alpha = bytes(rows[channels::size])
+    return bytes(b for i, b in enumerate(rows) if i % size != channels), alpha
+
+
+def decode_picture(data, side, channels, place):
+    """A JPEG or WebP by Pillow, if it is there."""
+    try:
+        from PIL import Image
+    except ImportError:
+        return None, None
+    import io
+    try:
+        picture = Image.open(io.BytesIO(data))
+        need(picture.size == (side, side), f"{place}: a picture of {picture.size}")
+        rgba = picture.convert("RGBA")
+    except (OSError, ValueError) as e:
+        raise Violation(f"{place}: {e}") from None
+    bands = [band.tobytes() for band in rgba.split()]
+    colour = bands[0] if channels == 1 else bytes(b for pixel in zip(*bands[:3]) for b in pixel)
+    return colour, bands[3]
+
+
+def list_imagery(sections):
+    """A line per tile: imagery level/x/y children sha256(colour) sha256(alpha), a dash for what cannot be decoded."""
+    imagery = Imagery(sections)
+    print("imagery", imagery.t, imagery.g, imagery.codec, imagery.channels, imagery.clear, imagery.leaf, imagery.count)
+    for tile in imagery.tiles:
+        parts = imagery.decode(tile)
+        sums = ("-" if part is None else hashlib.sha256(part).hexdigest() for part in parts)
+        print("imagery", tile.name(), tile.children, *sums)
+
+
 def run(options):
     with open(options.file, "rb") as f:
         data = f.read()
@@ -789,6 +973,8 @@ def run(options):
             check_statistics(statistics, tiles, header)
         except (LookupError, TypeError, ValueError, AttributeError) as e:
             raise Violation(f"statistics: a member is missing or odd ({e!r})") from None
+    if 16 in sections and options.level is None:
+        list_imagery(sections)
     if raster is not None:
         with open(options.raster, "wb") as f:
             f.write(little(raster))

@@ -1,32 +1,39 @@
-//! `relevo export`: a level back to GeoTIFF, or as a shaded picture.
+//! `relevo export`: a level or a tile back to GeoTIFF or as a picture, of the heights or of the imagery.
 
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use relevo::Error;
 use relevo::container::reader::Reader;
 use relevo::export::{self, GeotiffOptions};
 use relevo::geotiff_write::Compression;
 use relevo::hillshade::Style;
+use relevo::{Error, TileId};
 
 use crate::cli::Outcome;
 
-/// A level back to GeoTIFF, or as a shaded picture
+/// A level or a tile back to GeoTIFF or as a picture, of the heights or of the imagery
 #[derive(clap::Args)]
 pub struct Args {
     /// The .rlv file
     file: PathBuf,
-    /// What to write: a GeoTIFF (.tif) with the samples of the level, or a shaded relief (.png)
+    /// What to write: a GeoTIFF (.tif) with the samples or the texels, or a picture (.png): a shaded relief of a level, 16-bit greys
+    /// of a tile of heights (0 is void; the last line says what the others are), or texels
     #[arg(short, long, value_name = "OUT.tif|OUT.png")]
     output: PathBuf,
-    /// The level: 0 is the root [default: the leaves' level, the source's samples]
-    #[arg(short, long, value_name = "N")]
+    /// Of the imagery, not of the heights
+    #[arg(long)]
+    imagery: bool,
+    /// The level: 0 is the root [default: the finest]
+    #[arg(short, long, value_name = "N", conflicts_with = "tile")]
     level: Option<u8>,
+    /// One tile: level, column and row
+    #[arg(short, long, value_name = "L/X/Y", value_parser = tile)]
+    tile: Option<TileId>,
     /// Compression of the GeoTIFF
     #[arg(long, default_value = "deflate", value_parser = ["none", "deflate", "zstd"])]
     compress: String,
-    /// Picture: light alone, as gdaldem has it, instead of tinted relief
+    /// Shaded relief: light alone, as gdaldem has it, instead of tinted
     #[arg(long)]
     grey: bool,
     /// Replace the output if it is there
@@ -34,15 +41,29 @@ pub struct Args {
     force: bool,
 }
 
-/// Writes the level; says nothing on stdout.
-pub fn run(args: &Args, _out: &mut dyn Write) -> Outcome {
+/// `--tile L/X/Y`.
+fn tile(text: &str) -> Result<TileId, String> {
+    let numbers: Option<Vec<u32>> = text.split('/').map(|word| word.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[level, x, y]) if level <= 30 => Ok(TileId::new(level as u8, x, y)),
+        _ => Err("expected three whole numbers LEVEL/X/Y".to_owned()),
+    }
+}
+
+/// Writes it; on stdout stands at most what the greys of a tile of heights mean.
+pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let reader = Reader::open(&args.file)?;
-    let level = args.level.unwrap_or(reader.header().levels);
+    let finest = match reader.imagery() {
+        Some(layer) if args.imagery => layer.header().leaf,
+        _ => reader.header().levels,
+    };
+    let level = args.level.unwrap_or(finest);
     let extension = args.output.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     if args.output.exists() && !args.force {
         let output = args.output.display();
         return Err(Error::usage(format!("{output}: exists already; --force replaces it")).into());
     }
+    let output = &args.output;
     match extension.as_str() {
         "tif" | "tiff" => {
             let compression = match args.compress.as_str() {
@@ -51,14 +72,33 @@ pub fn run(args: &Args, _out: &mut dyn Write) -> Outcome {
                 _ => Compression::Deflate,
             };
             let options = GeotiffOptions { level, compression, force: args.force };
-            export::geotiff(&reader, &args.output, options)?;
+            match (args.tile, args.imagery) {
+                (None, false) => export::geotiff(&reader, output, options)?,
+                (None, true) => export::imagery_geotiff(&reader, output, options)?,
+                (Some(id), false) => export::tile_geotiff(&reader, output, id, options)?,
+                (Some(id), true) => export::imagery_tile(&reader, output, id, Some(options))?,
+            };
         }
-        "png" => {
-            let style = if args.grey { Style::Grey } else { Style::Relief };
-            export::picture(&reader, &args.output, level, style)?;
-        }
+        "png" => match (args.tile, args.imagery) {
+            (None, false) => {
+                let style = if args.grey { Style::Grey } else { Style::Relief };
+                export::picture(&reader, output, level, style)?;
+            }
+            (None, true) => {
+                export::imagery_picture(&reader, output, level)?;
+            }
+            (Some(id), true) => {
+                export::imagery_tile(&reader, output, id, None)?;
+            }
+            (Some(id), false) => {
+                let scale = export::tile_picture(&reader, output, id)?;
+                let how = if scale.exact { "exactly" } else { "rounded" };
+                let (offset, step) = (scale.offset_m, scale.step_m);
+                writeln!(out, "height in metres = {offset} + {step} * (grey - 1), {how}; grey 0 is void")?;
+            }
+        },
         _ => {
-            let output = args.output.display();
+            let output = output.display();
             return Err(Error::usage(format!("{output}: expected a name that ends in .tif or .png")).into());
         }
     }

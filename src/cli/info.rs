@@ -4,8 +4,9 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use relevo::container::imagery::ImageryHeader;
 use relevo::container::reader::Reader;
-use relevo::container::sections::SectionEntry;
+use relevo::container::sections::{IMAGERY, IMAGERY_PAGES, IMAGERY_TILES, SectionEntry};
 use relevo::geo::Crs;
 use relevo::sample::Coding;
 use serde_json::{Value, json};
@@ -46,13 +47,63 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 fn section_name(section: &SectionEntry) -> String {
-    match section.kind {
-        1 => "metadata".to_owned(),
-        2 => "root page".to_owned(),
-        3 => "statistics".to_owned(),
-        4 => "pages".to_owned(),
-        5 => "tiles".to_owned(),
-        kind => format!("kind {kind} (unknown to this program)"),
+    let name = section.name();
+    if name.starts_with("kind ") { format!("{name} (unknown to this program)") } else { name }
+}
+
+/// The imagery layer for machines.
+fn imagery_facts(reader: &Reader) -> Value {
+    let Some(layer) = reader.imagery() else { return Value::Null };
+    let imagery = layer.header();
+    json!({
+        "codec": imagery.codec.as_str(), "quality": imagery.quality, "tile": imagery.tile, "gutter": imagery.gutter,
+        "channels": imagery.colour.channels(), "alpha": imagery.alpha, "levels": imagery.leaf + 1, "tiles": imagery.tiles,
+        "bytes": imagery_bytes(reader), "texel": texel(reader, imagery),
+    })
+}
+
+/// Bytes of the sections of the imagery.
+fn imagery_bytes(reader: &Reader) -> u64 {
+    let kinds = [IMAGERY, IMAGERY_PAGES, IMAGERY_TILES];
+    reader.sections().iter().filter(|section| kinds.contains(&section.kind)).map(|s| s.length).sum()
+}
+
+/// How many units of the coordinate system a texel of the finest level is wide and high; samples if there is no coordinate system.
+fn texel(reader: &Reader, imagery: &ImageryHeader) -> [f64; 2] {
+    let header = reader.header();
+    let samples =
+        f64::from(header.tile()) * f64::from(header.spacing(0)) / imagery.texels(imagery.leaf) as f64;
+    let [_, a, b, _, d, e] = header.transform.unwrap_or([0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+    [samples * a.hypot(d), samples * b.hypot(e)]
+}
+
+fn print_imagery(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
+    let Some(layer) = reader.imagery() else { return Ok(()) };
+    let imagery = layer.header();
+    let mut line = |name: &str, text: String| writeln!(out, "  {name:<10} {text}");
+    let quality =
+        if imagery.quality > 0 { format!(" of quality {}", imagery.quality) } else { String::new() };
+    let colour = if imagery.colour.channels() == 1 { "grey" } else { "RGB" };
+    let alpha = if imagery.alpha { " and alpha" } else { "" };
+    let codec = imagery.codec;
+    let size = bytes(imagery_bytes(reader));
+    line("imagery", format!("{colour}{alpha}, {codec}{quality}, {size}"))?;
+    let [width, height] = texel(reader, imagery).map(short);
+    let (tiles, tile, gutter) = (grouped(imagery.tiles), imagery.tile, imagery.gutter);
+    line(
+        "",
+        format!(
+            "{tiles} tiles of {tile} x {tile} texels and {gutter} around, {} levels, finest texel {width} x {height}",
+            imagery.leaf + 1
+        ),
+    )?;
+    let Some(note) = &reader.metadata().imagery else { return Ok(()) };
+    for source in &note.sources {
+        line("picture", format!("{}: {}", source.name, source.description))?;
+    }
+    match note.pictures.saturating_sub(note.sources.len() as u64) {
+        0 => Ok(()),
+        more => line("", format!("and {} more", grouped(more))),
     }
 }
 
@@ -74,7 +125,7 @@ fn facts(reader: &Reader, file: &Path) -> Value {
         "code_scale": scale, "code_offset": offset, "band_scale": header.band_scale, "band_offset": header.band_offset,
         "unit_metres": header.unit_metres, "max_quantisation_error": header.quantisation_error,
         "nodata": header.nodata.map(|v| if v.is_finite() { json!(v) } else { json!(v.to_string()) }),
-        "geotransform": header.transform, "metadata": metadata, "sections": sections,
+        "geotransform": header.transform, "metadata": metadata, "imagery": imagery_facts(reader), "sections": sections,
     })
 }
 
@@ -133,6 +184,7 @@ fn print(reader: &Reader, file: &Path, out: &mut dyn Write) -> io::Result<()> {
         ]);
     }
     levels.print(out)?;
+    print_imagery(reader, out)?;
     let sections: Vec<String> =
         reader.sections().iter().map(|s| format!("{} {}", section_name(s), bytes(s.length))).collect();
     writeln!(out, "  sections   {}", sections.join(", "))

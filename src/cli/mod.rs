@@ -2,10 +2,12 @@
 //!
 //! Exit codes: 0 done, 1 the check found a problem, 2 could not do it; a reader that closes the pipe is no error.
 
+mod add;
 mod build;
 mod dem;
 mod each;
 mod export;
+mod imagery;
 mod info;
 mod inputs;
 mod merge;
@@ -39,13 +41,15 @@ enum Command {
     Build(build::Args),
     /// Join pieces made by `build --window` into one file
     Merge(merge::Args),
+    /// Put imagery into a file, or other imagery in its place
+    Add(add::Args),
     /// What a file is: coordinate system, levels, sections, sizes
     Info(info::Args),
     /// How wrong a file is, by level and tessellation step
     Stats(stats::Args),
     /// Check a file: checksums, structure, invariants; against its source; every error by brute force
     Verify(verify::Args),
-    /// A level back to GeoTIFF, or as a shaded picture
+    /// A level or a tile back to GeoTIFF or as a picture, of the heights or of the imagery
     Export(export::Args),
 }
 
@@ -111,6 +115,7 @@ pub fn main() -> ExitCode {
     let outcome = match &cli.command {
         Command::Build(args) => build::run(args, &mut out),
         Command::Merge(args) => merge::run(args, &mut out),
+        Command::Add(args) => add::run(args, &mut out),
         Command::Info(args) => info::run(args, &mut out),
         Command::Stats(args) => stats::run(args, &mut out),
         Command::Verify(args) => verify::run(args, &mut out),

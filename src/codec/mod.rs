@@ -9,6 +9,7 @@
 pub mod frame;
 pub mod height;
 pub mod mask;
+pub mod picture;
 pub mod table;
 
 mod bits;

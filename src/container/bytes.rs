@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 
 /// Reads little-endian numbers from the front of a slice.
-pub(super) struct Bytes<'a> {
+pub struct Bytes<'a> {
     rest: &'a [u8],
     place: &'a str,
 }

@@ -4,144 +4,75 @@
 //! it was asked for. Whether its offsets lie within their sections is checked by who knows the sections.
 
 use super::bytes::Bytes;
-use super::layout::Header;
+pub use super::entry::{ChunkKind, ChunkPlace, TileEntry};
 use crate::error::{Error, Result};
-use crate::error_code;
 use crate::tile::TileId;
 
 /// Levels of a full page.
 const PAGE_LEVELS: u8 = 5;
 /// Most tiles of a page: 1 + 4 + 16 + 64 + 256.
 const MAX_TILES: usize = 341;
-const HAS_VALID: u8 = 1;
-const HAS_VOID: u8 = 2;
 
-/// The chunks of a tile, in the order in which they stand.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum ChunkKind {
-    /// Heights, section 9.
-    Heights = 0,
-    /// Void mask, section 8.
-    Mask = 1,
-    /// Error table, section 10.
-    Errors = 2,
+/// The quadtree that an index is of.
+pub trait Quadtree {
+    /// The level that no tile lies below.
+    fn leaf(&self) -> u8;
+
+    /// True if a tile of this id can exist.
+    fn holds(&self, id: TileId) -> bool;
+
+    /// Bytes that a stored chunk may have at most.
+    fn max_chunk_bytes(&self) -> u64;
 }
 
-impl ChunkKind {
-    /// All kinds, in order.
-    pub const ALL: [Self; 3] = [Self::Heights, Self::Mask, Self::Errors];
+/// A row of an index: a tile's children, and where its chunks stand; the rest is the layer's affair.
+pub trait Row: Copy {
+    /// Bytes of a row on a page.
+    const BYTES: usize;
+    /// What errors put before "tile" and "index page".
+    const LAYER: &'static str;
+    /// Deepest level that a layer can have.
+    const MAX_LEVEL: u8;
 
-    /// What people call it.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Heights => "heights",
-            Self::Mask => "mask",
-            Self::Errors => "errors",
-        }
-    }
-}
-
-/// Where the chunks of a tile stand.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ChunkPlace {
-    /// Of the first chunk, from the start of the tiles section.
-    pub offset: u64,
-    /// Bytes of each, by [`ChunkKind`].
-    pub lengths: [u32; 3],
-    /// CRC of each as stored.
-    pub crcs: [u32; 3],
-}
-
-impl ChunkPlace {
-    /// Bytes of all chunks.
-    pub fn bytes(&self) -> u64 {
-        self.lengths.iter().map(|&length| u64::from(length)).sum()
-    }
-
-    /// Offset (from the start of the tiles section), length and CRC of one chunk.
-    pub fn chunk(&self, kind: ChunkKind) -> (u64, u32, u32) {
-        let index = kind as usize;
-        let before: u64 = self.lengths.iter().take(index).map(|&length| u64::from(length)).sum();
-        (self.offset.saturating_add(before), self.lengths[index], self.crcs[index])
-    }
-}
-
-/// A row of the index: everything about a tile but its content.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TileEntry {
     /// Which tile.
-    pub id: TileId,
-    /// Bit `q` is set if child `q` exists; 0 for a leaf.
-    pub children: u8,
-    /// True if the tile's own lattice has a valid sample.
-    pub has_valid: bool,
-    /// True if it has a void one.
-    pub has_void: bool,
-    /// Error code: the largest vertical error of its patches at step 0.
-    pub vertical: u16,
-    /// Error code: the largest horizontal error likewise.
-    pub horizontal: u16,
-    /// Lowest height in metres of what is below, rounded down.
-    pub min_m: f32,
-    /// Greatest height in metres, rounded up.
-    pub max_m: f32,
-    /// Where its chunks stand.
-    pub chunks: ChunkPlace,
+    fn id(&self) -> TileId;
+
+    /// Bit `q` is set if child `q` exists.
+    fn children(&self) -> u8;
+
+    /// Of the first chunk, from the start of the layer's tiles section.
+    fn offset(&self) -> u64;
+
+    /// Puts the chunks elsewhere.
+    fn set_offset(&mut self, offset: u64);
+
+    /// Bytes of each chunk.
+    fn lengths(&self) -> &[u32];
+
+    /// Bytes of all chunks.
+    fn chunk_bytes(&self) -> u64 {
+        self.lengths().iter().map(|&length| u64::from(length)).sum()
+    }
+
+    /// Appends the columns behind `children`.
+    fn encode(rows: &[Self], out: &mut Vec<u8>);
+
+    /// Reads them, for these tiles; fails if a row contradicts itself.
+    fn decode(bytes: &mut Bytes, ids: &[TileId], children: &[u8]) -> Result<Vec<Self>>;
 }
 
-impl TileEntry {
-    /// True if no child exists.
-    pub fn is_leaf(&self) -> bool {
-        self.children == 0
-    }
+/// The children of a tile that exist, by quadrant.
+pub(super) fn existing_children(id: TileId, children: u8) -> impl Iterator<Item = TileId> + use<> {
+    (0..4).filter(move |quadrant| children >> quadrant & 1 != 0).map(move |quadrant| id.child(quadrant))
+}
 
-    /// True if child `quadrant` exists.
-    pub fn has_child(&self, quadrant: u8) -> bool {
-        self.children >> quadrant & 1 != 0
-    }
-
-    /// The children that exist, by quadrant.
-    pub fn child_ids(&self) -> impl Iterator<Item = TileId> {
-        let entry = *self;
-        (0..4)
-            .filter(move |&quadrant| entry.has_child(quadrant))
-            .map(move |quadrant| entry.id.child(quadrant))
-    }
-
-    /// Vertical error in metres.
-    pub fn vertical_m(&self) -> f32 {
-        error_code::metres_from_code(self.vertical)
-    }
-
-    /// Horizontal error in metres.
-    pub fn horizontal_m(&self) -> f32 {
-        error_code::metres_from_code(self.horizontal)
-    }
-
-    /// Fails if the row contradicts itself.
-    pub(super) fn check(&self) -> Result<()> {
-        let demand = |is: bool, expected: &str, got: String| {
-            if is {
-                Ok(())
-            } else {
-                Err(Error::format(format!("index row of tile {}", self.id), expected, got))
-            }
-        };
-        demand(self.children < 16, "children in bits 0 to 3", format!("{:#x}", self.children))?;
-        demand(self.has_valid || self.has_void, "valid or void samples", "neither".into())?;
-        let worst = self.vertical.max(self.horizontal);
-        demand(worst <= error_code::MAX_CODE, "error codes up to 0xFF00", format!("{worst:#06x}"))?;
-        let range = format!("{} to {}", self.min_m, self.max_m);
-        demand(self.min_m <= self.max_m, "a height range", range)?;
-        let [heights, mask, errors] = self.chunks.lengths;
-        demand(errors > 0, "an error table", "none".into())?;
-        let mixed = self.has_valid && self.has_void;
-        let expected = if mixed { "a mask" } else { "no mask" };
-        demand((mask > 0) == mixed, expected, format!("one of {mask} bytes"))?;
-        let [heights_crc, mask_crc, _] = self.chunks.crcs;
-        let absent = |length: u32, crc: u32| length > 0 || crc == 0;
-        demand(absent(heights, heights_crc) && absent(mask, mask_crc), "CRC 0 of no bytes", "another".into())
-    }
+/// Appends one column.
+pub(super) fn encode_columns<R, const N: usize>(
+    rows: &[R],
+    out: &mut Vec<u8>,
+    field: impl Fn(&R) -> [u8; N],
+) {
+    out.extend(rows.iter().flat_map(field));
 }
 
 /// Where another page stands.
@@ -157,22 +88,25 @@ pub struct PageRef {
 
 /// What a page knows of a tile.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Found<'a> {
+pub enum Found<'a, R = TileEntry> {
     /// Its row.
-    Tile(&'a TileEntry),
+    Tile(&'a R),
     /// The page whose root is the tile or an ancestor of it: that ancestor, and where the page stands.
     Below(TileId, PageRef),
     /// It does not exist.
     Nothing,
 }
 
-/// A subtree of the index.
+/// A subtree of the heights' index.
+pub type Page = IndexPage<TileEntry>;
+
+/// A subtree of an index.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Page {
+pub struct IndexPage<R> {
     /// Levels in the page.
     pub depth: u8,
     /// The rows: level by level from the page's root, in the order of the parents, children by quadrant.
-    pub tiles: Vec<TileEntry>,
+    pub tiles: Vec<R>,
     /// The pages below, in the order of the children of the last level's tiles.
     pub pages: Vec<PageRef>,
     /// For each tile the place of its first child, in `tiles` or, on the last level, in `pages`.
@@ -189,12 +123,12 @@ pub fn is_page_root(level: u8, leaf: u8) -> bool {
     level == 0 || (leaf + 1 - level).is_multiple_of(PAGE_LEVELS)
 }
 
-impl Page {
-    /// Bytes of the largest page: 16 + 341 rows of 46 bytes + 1024 references of 16.
-    pub const MAX_BYTES: u64 = (16 + MAX_TILES * 46 + 1024 * 16) as u64;
+impl<R: Row> IndexPage<R> {
+    /// Bytes of the largest page: 16, 341 rows, 1024 references of 16.
+    pub const MAX_BYTES: u64 = (16 + MAX_TILES * R::BYTES + 1024 * 16) as u64;
 
     /// A page of rows and references in their order.
-    pub fn new(depth: u8, tiles: Vec<TileEntry>, pages: Vec<PageRef>) -> Self {
+    pub fn new(depth: u8, tiles: Vec<R>, pages: Vec<PageRef>) -> Self {
         let mut page = Self { depth, tiles, pages, first_child: Vec::new() };
         page.link();
         page
@@ -202,14 +136,12 @@ impl Page {
 
     /// The tile that the page begins with.
     pub fn root(&self) -> TileId {
-        self.tiles.first().map_or(TileId::ROOT, |entry| entry.id)
+        self.tiles.first().map_or(TileId::ROOT, Row::id)
     }
 
     /// Bytes that the page takes in memory, about.
     pub fn memory(&self) -> usize {
-        size_of::<Self>()
-            + self.tiles.len() * (size_of::<TileEntry>() + 2)
-            + self.pages.len() * size_of::<PageRef>()
+        size_of::<Self>() + self.tiles.len() * (size_of::<R>() + 2) + self.pages.len() * size_of::<PageRef>()
     }
 
     /// Fills in the places of the children.
@@ -218,14 +150,14 @@ impl Page {
         let (mut tile, mut page) = (1, 0);
         self.first_child.clear();
         for entry in &self.tiles {
-            let next = if entry.id.level == last { &mut page } else { &mut tile };
+            let next = if entry.id().level == last { &mut page } else { &mut tile };
             self.first_child.push(*next);
-            *next += entry.children.count_ones() as u16;
+            *next += entry.children().count_ones() as u16;
         }
     }
 
     /// Looks up a tile at or below the page's root.
-    pub fn find(&self, id: TileId) -> Found<'_> {
+    pub fn find(&self, id: TileId) -> Found<'_, R> {
         let root = self.root();
         let Some(down) = id.level.checked_sub(root.level) else { return Found::Nothing };
         if id.x.checked_shr(down.into()) != Some(root.x) || id.y.checked_shr(down.into()) != Some(root.y) {
@@ -235,10 +167,11 @@ impl Page {
         for left in (0..down).rev() {
             let child = TileId::new(id.level - left, id.x >> left, id.y >> left);
             let Some(entry) = self.tiles.get(index) else { return Found::Nothing };
-            if !entry.has_child(child.quadrant()) {
+            let children = entry.children();
+            if children >> child.quadrant() & 1 == 0 {
                 return Found::Nothing;
             }
-            let before = (entry.children & ((1 << child.quadrant()) - 1)).count_ones() as usize;
+            let before = (children & ((1 << child.quadrant()) - 1)).count_ones() as usize;
             index = before + self.first_child.get(index).map_or(0, |&first| usize::from(first));
             if child.level - root.level == self.depth {
                 return self.pages.get(index).map_or(Found::Nothing, |&page| Found::Below(child, page));
@@ -254,23 +187,8 @@ impl Page {
         for number in [root.x, root.y, self.tiles.len() as u32] {
             out.extend(number.to_le_bytes());
         }
-        let flags = |entry: &TileEntry| {
-            (if entry.has_valid { HAS_VALID } else { 0 }) | (if entry.has_void { HAS_VOID } else { 0 })
-        };
-        let tiles = || self.tiles.iter();
-        out.extend(tiles().map(|entry| entry.children));
-        out.extend(tiles().map(flags));
-        out.extend(tiles().flat_map(|entry| entry.vertical.to_le_bytes()));
-        out.extend(tiles().flat_map(|entry| entry.horizontal.to_le_bytes()));
-        out.extend(tiles().flat_map(|entry| entry.min_m.to_le_bytes()));
-        out.extend(tiles().flat_map(|entry| entry.max_m.to_le_bytes()));
-        out.extend(tiles().flat_map(|entry| entry.chunks.offset.to_le_bytes()));
-        for kind in ChunkKind::ALL {
-            out.extend(tiles().flat_map(|entry| entry.chunks.chunk(kind).1.to_le_bytes()));
-        }
-        for kind in ChunkKind::ALL {
-            out.extend(tiles().flat_map(|entry| entry.chunks.chunk(kind).2.to_le_bytes()));
-        }
+        out.extend(self.tiles.iter().map(Row::children));
+        R::encode(&self.tiles, &mut out);
         out.extend(self.pages.iter().flat_map(|page| page.offset.to_le_bytes()));
         out.extend(self.pages.iter().flat_map(|page| page.length.to_le_bytes()));
         out.extend(self.pages.iter().flat_map(|page| page.crc.to_le_bytes()));
@@ -278,12 +196,12 @@ impl Page {
     }
 
     /// Decodes the page that begins with tile `root`.
-    pub fn decode(bytes: &[u8], root: TileId, header: &Header) -> Result<Self> {
+    pub fn decode(bytes: &[u8], root: TileId, tree: &impl Quadtree) -> Result<Self> {
         let place = format!("index page of tile {root}");
         let mut bytes = Bytes::new(bytes, &place);
         let (level, depth, reserved) = (bytes.u8()?, bytes.u8()?, bytes.u16()?);
         let (x, y) = (bytes.u32()?, bytes.u32()?);
-        let expected_depth = page_depth(root.level, header.levels);
+        let expected_depth = page_depth(root.level, tree.leaf());
         if TileId::new(level, x, y) != root || depth != expected_depth || reserved != 0 {
             let expected = format!("tile {root}, {expected_depth} levels, reserved 0");
             return Err(Error::format(place, expected, format!("{level}/{x}/{y}, {depth}, {reserved}")));
@@ -293,10 +211,11 @@ impl Page {
             return Err(Error::format(place, format!("1 to {MAX_TILES} tiles"), count));
         }
         let children = bytes.take(count)?;
-        let ids = ids_of(root, depth, children, header).map_err(|error| error_in(&place, error))?;
-        let tiles = decode_rows(&mut bytes, &ids, children)?;
-        let below: u32 =
-            last_level(&tiles, root.level + depth - 1).map(|entry| entry.children.count_ones()).sum();
+        let ids = ids_of(root, depth, children, tree).map_err(|error| error_in(&place, error))?;
+        let tiles: Vec<R> = R::decode(&mut bytes, &ids, children)?;
+        let last = root.level + depth - 1;
+        let last_level = tiles.iter().filter(|entry| entry.id().level == last);
+        let below: u32 = last_level.map(|entry| entry.children().count_ones()).sum();
         let offsets = column(&mut bytes, below as usize, Bytes::u64)?;
         let lengths = column(&mut bytes, below as usize, Bytes::u32)?;
         let crcs = column(&mut bytes, below as usize, Bytes::u32)?;
@@ -307,27 +226,23 @@ impl Page {
     }
 }
 
-fn last_level(tiles: &[TileEntry], level: u8) -> impl Iterator<Item = &TileEntry> {
-    tiles.iter().filter(move |entry| entry.id.level == level)
-}
-
 fn error_in(place: &str, got: String) -> Error {
     Error::format(place, "children and tiles that agree", got)
 }
 
 /// The tiles that a page's `children` bits tell of, in the page's order; the reason if they cannot be.
-fn ids_of(root: TileId, depth: u8, children: &[u8], header: &Header) -> Result<Vec<TileId>, String> {
+fn ids_of(root: TileId, depth: u8, children: &[u8], tree: &impl Quadtree) -> Result<Vec<TileId>, String> {
     let mut ids = vec![root];
     let last = root.level + depth - 1;
     for (index, &bits) in children.iter().enumerate() {
         let Some(&id) = ids.get(index) else {
             return Err(format!("{} tiles, {} of them with a parent", children.len(), ids.len()));
         };
-        for child in (0..4).filter(|quadrant| bits >> quadrant & 1 != 0).map(|quadrant| id.child(quadrant)) {
-            if !header.holds(child) {
+        for child in existing_children(id, bits) {
+            if !tree.holds(child) {
                 return Err(format!(
                     "tile {child}, outside the raster or below the leaf level {}",
-                    header.levels
+                    tree.leaf()
                 ));
             }
             if id.level < last {
@@ -341,7 +256,8 @@ fn ids_of(root: TileId, depth: u8, children: &[u8], header: &Header) -> Result<V
     Err(format!("{} tiles, {} by the children", children.len(), ids.len()))
 }
 
-fn column<'a, T>(
+/// Reads one column.
+pub(super) fn column<'a, T>(
     bytes: &mut Bytes<'a>,
     count: usize,
     read: impl Fn(&mut Bytes<'a>) -> Result<T>,
@@ -349,48 +265,10 @@ fn column<'a, T>(
     (0..count).map(|_| read(bytes)).collect()
 }
 
-/// The columns behind `children`, as rows.
-fn decode_rows(bytes: &mut Bytes, ids: &[TileId], children: &[u8]) -> Result<Vec<TileEntry>> {
-    let count = ids.len();
-    let flags = bytes.take(count)?;
-    let vertical = column(bytes, count, Bytes::u16)?;
-    let horizontal = column(bytes, count, Bytes::u16)?;
-    let min_m = column(bytes, count, Bytes::f32)?;
-    let max_m = column(bytes, count, Bytes::f32)?;
-    let offset = column(bytes, count, Bytes::u64)?;
-    let mut six = || column(bytes, count, Bytes::u32);
-    let lengths = [six()?, six()?, six()?];
-    let crcs = [six()?, six()?, six()?];
-    let mut tiles = Vec::with_capacity(count);
-    for (index, &id) in ids.iter().enumerate() {
-        if flags[index] & !(HAS_VALID | HAS_VOID) != 0 {
-            return Err(Error::format(format!("index row of tile {id}"), "flags 1 to 3", flags[index]));
-        }
-        let entry = TileEntry {
-            id,
-            children: children[index],
-            has_valid: flags[index] & HAS_VALID != 0,
-            has_void: flags[index] & HAS_VOID != 0,
-            vertical: vertical[index],
-            horizontal: horizontal[index],
-            min_m: min_m[index],
-            max_m: max_m[index],
-            chunks: ChunkPlace {
-                offset: offset[index],
-                lengths: lengths.each_ref().map(|column| column[index]),
-                crcs: crcs.each_ref().map(|column| column[index]),
-            },
-        };
-        entry.check()?;
-        tiles.push(entry);
-    }
-    Ok(tiles)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::container::layout::{Metric, leaf_level};
+    use crate::container::layout::{Header, Metric, leaf_level};
     use crate::sample::{Coding, SampleType};
 
     #[test]

@@ -9,6 +9,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::bytes::Bytes;
+use super::directory::Quadtree;
 use crate::error::{Error, Result};
 use crate::sample::{Coding, SampleType};
 use crate::tile::TileId;
@@ -289,6 +290,20 @@ impl Header {
         };
         header.check()?;
         Ok(header)
+    }
+}
+
+impl Quadtree for Header {
+    fn leaf(&self) -> u8 {
+        self.levels
+    }
+
+    fn holds(&self, id: TileId) -> bool {
+        Self::holds(self, id)
+    }
+
+    fn max_chunk_bytes(&self) -> u64 {
+        Self::max_chunk_bytes(self)
     }
 }
 

@@ -28,6 +28,40 @@ pub struct Metadata {
     pub options: Value,
     /// The levels, root first.
     pub levels: Vec<LevelNote>,
+    /// The imagery layer, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub imagery: Option<ImageryNote>,
+}
+
+/// What an imagery layer was made of.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ImageryNote {
+    /// Program and version that made it.
+    pub tool: String,
+    /// How many pictures it was made of.
+    pub pictures: u64,
+    /// The first of them: as many as there is room for.
+    pub sources: Vec<PictureSourceNote>,
+    /// What was asked for: an object.
+    pub options: Value,
+}
+
+/// One picture that a layer was made of.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct PictureSourceNote {
+    /// File name without folders.
+    pub name: String,
+    /// One line for people.
+    pub description: String,
+    /// Bands that became grey, or red, green and blue, from 1.
+    pub bands: Vec<u32>,
+    /// For each of them the values that became 0 and 255; empty for 8-bit samples taken as they are.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub stretch: Vec<(f64, f64)>,
+    /// The finest level that it was resampled to.
+    pub level: u8,
 }
 
 /// One raster that a file was made of.

@@ -21,18 +21,28 @@ pub const PAGES: u32 = 4;
 /// Kind of the section of chunks.
 pub const TILES: u32 = 5;
 
+/// Kind of the imagery section: header and root page of the imagery layer.
+pub const IMAGERY: u32 = 16;
+/// Kind of the section of the imagery's other index pages.
+pub const IMAGERY_PAGES: u32 = 17;
+/// Kind of the section of the imagery's chunks.
+pub const IMAGERY_TILES: u32 = 18;
+
 /// A reader that does not know the kind must refuse the file.
 pub const REQUIRED: u32 = 1;
 /// The CRC field covers the section.
 pub const COVERED: u32 = 2;
 
 /// Name, flags and presence (must it be there) of the sections that version 1 knows.
-const KNOWN: [(u32, &str, u32, bool); 5] = [
+const KNOWN: [(u32, &str, u32, bool); 8] = [
     (METADATA, "metadata", COVERED, true),
     (ROOT_PAGE, "root page", REQUIRED | COVERED, true),
     (STATISTICS, "statistics", COVERED, false),
     (PAGES, "pages", REQUIRED, true),
     (TILES, "tiles", REQUIRED, true),
+    (IMAGERY, "imagery", COVERED, false),
+    (IMAGERY_PAGES, "imagery pages", 0, false),
+    (IMAGERY_TILES, "imagery tiles", 0, false),
 ];
 
 /// One section.
@@ -120,6 +130,11 @@ pub(super) fn check(sections: &[SectionEntry], file_length: u64) -> Result<()> {
         if count > 1 || (must && count == 0) {
             return Err(Error::format("section table", format!("one section {name}"), count));
         }
+    }
+    let layer = [IMAGERY, IMAGERY_PAGES, IMAGERY_TILES];
+    let count = layer.iter().filter(|kind| sections.iter().any(|section| section.kind == **kind)).count();
+    if !count.is_multiple_of(layer.len()) {
+        return Err(Error::format("section table", "all three sections of the imagery, or none", count));
     }
     let mut sorted: Vec<_> = sections.iter().collect();
     sorted.sort_by_key(|section| (section.offset, section.length));

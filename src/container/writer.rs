@@ -21,15 +21,16 @@ use crate::codec::frame;
 use crate::error::{Error, Result};
 use crate::tile::TileId;
 
+mod imagery;
 mod levels;
 mod unfinished;
 
+pub use imagery::{ImagerySections, ImageryWriter};
 pub use unfinished::Mark;
 
 use levels::{LevelFile, copy_tiles, level_file, open};
 
 const BUFFER: usize = 1 << 20;
-const SECTIONS: usize = 5;
 /// Index rows of the tiles in the order in which they came.
 const RECORDS: &str = "records";
 /// Tiles copied between two questions whether to go on.
@@ -104,6 +105,8 @@ pub struct FileSummary {
     pub metadata_bytes: u64,
     /// Bytes of the statistics section as stored.
     pub statistics_bytes: u64,
+    /// Bytes of the imagery layer.
+    pub imagery_bytes: u64,
 }
 
 /// Writes one container; dropped before [`ContainerWriter::finish`], it leaves nothing behind but what a state needs.
@@ -113,6 +116,7 @@ pub struct ContainerWriter {
     records: BufWriter<File>,
     tree: Tree,
     levels: Vec<LevelBytes>,
+    imagery: Option<ImagerySections>,
     failed: bool,
     work: WorkFolder,
 }
@@ -134,6 +138,7 @@ impl ContainerWriter {
             records,
             tree: Tree::default(),
             levels: Vec::new(),
+            imagery: None,
             failed: false,
             work,
         })
@@ -189,6 +194,11 @@ impl ContainerWriter {
         self.tree.push(entry);
         self.count(usize::from(entry.id.level), entry.chunks.lengths);
         Ok(())
+    }
+
+    /// Gives the file an imagery layer. The metadata of [`ContainerWriter::finish`] are to tell of it too.
+    pub fn attach(&mut self, imagery: ImagerySections) {
+        self.imagery = Some(imagery);
     }
 
     /// The work folder.
@@ -259,14 +269,15 @@ impl ContainerWriter {
         let statistics = packed;
         let (sources, tiles_bytes) = self.tree.place();
         let index = self.tree.pages(header.levels)?;
-        let small = [
-            (sections::ROOT_PAGE, index.root.as_slice()),
-            (sections::METADATA, metadata.as_slice()),
-            (sections::STATISTICS, statistics.as_slice()),
-        ];
-        let opening = opening(header, small, tiles_bytes, index.pages.len() as u64)?;
+        let mut small = vec![(sections::ROOT_PAGE, index.root), (sections::METADATA, metadata)];
+        small.extend(self.imagery.as_ref().map(|imagery| (sections::IMAGERY, imagery.opening.clone())));
+        small.push((sections::STATISTICS, statistics));
+        let mut large = vec![(sections::TILES, tiles_bytes), (sections::PAGES, index.pages.len() as u64)];
+        large.extend(self.imagery.iter().flat_map(ImagerySections::large));
+        let opening = opening(header, &small, &large)?;
         let path = self.work.path("assembled");
-        let parts = (small.map(|(_, bytes)| bytes), index.pages.as_slice());
+        let bytes = |kind| opening.sections.iter().find(|s| s.kind == kind).map_or(0, |s| s.length);
+        let parts = (small.as_slice(), index.pages.as_slice());
         if !self
             .assemble(&path, &opening, parts, &sources, go_on)
             .map_err(|source| self.work.failed("write the file", source))?
@@ -279,9 +290,10 @@ impl ContainerWriter {
             file_bytes: opening.file_length,
             tiles: self.tree.len(),
             levels: self.levels.clone(),
-            index_bytes: (index.root.len() + index.pages.len()) as u64,
-            metadata_bytes: metadata.len() as u64,
-            statistics_bytes: statistics.len() as u64,
+            index_bytes: bytes(sections::ROOT_PAGE) + bytes(sections::PAGES),
+            metadata_bytes: bytes(sections::METADATA),
+            statistics_bytes: bytes(sections::STATISTICS),
+            imagery_bytes: self.imagery.as_ref().map_or(0, ImagerySections::bytes),
         })
     }
 
@@ -291,13 +303,13 @@ impl ContainerWriter {
         &mut self,
         path: &Path,
         opening: &Opening,
-        (small, pages): ([&[u8]; 3], &[u8]),
+        (small, pages): (&[(u32, Vec<u8>)], &[u8]),
         sources: &[Vec<u64>],
         go_on: &mut dyn FnMut(u64, u64) -> bool,
     ) -> io::Result<bool> {
         let mut out = BufWriter::with_capacity(BUFFER, File::create(path)?);
         out.write_all(&opening.encode())?;
-        for bytes in small {
+        for (_, bytes) in small {
             out.write_all(bytes)?;
         }
         let (mut done, total) = (0, self.tree.len());
@@ -314,6 +326,9 @@ impl ContainerWriter {
             }
         }
         out.write_all(pages)?;
+        if let Some(imagery) = &self.imagery {
+            imagery.copy(&mut out)?;
+        }
         let file = out.into_inner().map_err(io::IntoInnerError::into_error)?;
         let length = file.metadata()?.len();
         if length != opening.file_length {
@@ -361,19 +376,19 @@ fn check_sizes(tree: &Tree, header: &Header) -> Result<()> {
     Ok(())
 }
 
-/// The section table: what is small first, then tiles and pages.
-fn opening(header: Header, small: [(u32, &[u8]); 3], tiles: u64, pages: u64) -> Result<Opening> {
-    let mut end = Opening::bytes(SECTIONS);
-    let mut sections = Vec::with_capacity(SECTIONS);
+/// The section table: what is small first, then the others.
+pub(super) fn opening(header: Header, small: &[(u32, Vec<u8>)], large: &[(u32, u64)]) -> Result<Opening> {
+    let mut end = Opening::bytes(small.len() + large.len());
+    let mut sections = Vec::with_capacity(small.len() + large.len());
     for (kind, bytes) in small {
-        let section = SectionEntry::of(kind, end, bytes.len() as u64, crc32fast::hash(bytes));
+        let section = SectionEntry::of(*kind, end, bytes.len() as u64, crc32fast::hash(bytes));
         end = section.end();
-        if kind == sections::METADATA && end > OPENING_BYTES {
+        if *kind == sections::METADATA && end > OPENING_BYTES {
             return Err(Error::limit("end of header, root page and metadata", end, OPENING_BYTES));
         }
         sections.push(section);
     }
-    for (kind, length) in [(sections::TILES, tiles), (sections::PAGES, pages)] {
+    for &(kind, length) in large {
         let section = SectionEntry::of(kind, end, length, 0);
         end = section.end();
         sections.push(section);

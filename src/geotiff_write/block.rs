@@ -22,6 +22,7 @@ pub(super) struct BlockGrid {
     pub width: u32,
     pub height: u32,
     pub sample_type: SampleType,
+    pub bands: u16,
     pub tiled: bool,
     pub block_width: u32,
     pub block_height: u32,
@@ -30,7 +31,7 @@ pub(super) struct BlockGrid {
 impl BlockGrid {
     /// The grid of a spec, checked.
     pub fn new(spec: &GeotiffSpec) -> Result<Self> {
-        let GeotiffSpec { width, height, sample_type, tile, .. } = *spec;
+        let GeotiffSpec { width, height, sample_type, bands, tile, .. } = *spec;
         if width == 0 || height == 0 {
             return Err(Error::usage(format!(
                 "a GeoTIFF needs columns and rows, and has {width} x {height}"
@@ -39,15 +40,19 @@ impl BlockGrid {
         if tile.is_some_and(|side| side == 0 || !side.is_multiple_of(16)) {
             return Err(Error::usage("the tile size of a GeoTIFF must be a multiple of 16"));
         }
-        let row_bytes = u64::from(width) * sample_type.bytes() as u64;
+        if bands != 1 && !(bands < 5 && bands > 1 && sample_type == SampleType::Uint8) {
+            return Err(Error::usage("a GeoTIFF of several bands has 2 to 4 of bytes"));
+        }
+        let pixel_bytes = u64::from(bands) * sample_type.bytes() as u64;
+        let row_bytes = u64::from(width) * pixel_bytes;
         let (block_width, block_height) = match tile {
             Some(side) => (side, side),
             None => (width, (STRIP_BYTES / row_bytes).clamp(1, u64::from(height)) as u32),
         };
-        let grid = Self { width, height, sample_type, tiled: tile.is_some(), block_width, block_height };
-        let block_bytes = u64::from(block_width)
-            .saturating_mul(u64::from(block_height))
-            .saturating_mul(sample_type.bytes() as u64);
+        let tiled = tile.is_some();
+        let grid = Self { width, height, sample_type, bands, tiled, block_width, block_height };
+        let block_bytes =
+            u64::from(block_width).saturating_mul(u64::from(block_height)).saturating_mul(pixel_bytes);
         // A batch holds at least one row of blocks: that has to fit into memory as well as a block.
         let band_bytes = row_bytes.saturating_mul(u64::from(block_height));
         let max = Limits::default().block_bytes;
@@ -59,9 +64,14 @@ impl BlockGrid {
         Ok(grid)
     }
 
-    /// Bytes of a row of samples.
+    /// Bytes of a pixel.
+    fn pixel_bytes(&self) -> usize {
+        usize::from(self.bands) * self.sample_type.bytes()
+    }
+
+    /// Bytes of a row of pixels.
     pub fn row_bytes(&self) -> u64 {
-        u64::from(self.width) * self.sample_type.bytes() as u64
+        u64::from(self.width) * self.pixel_bytes() as u64
     }
 
     /// Blocks side by side.
@@ -83,12 +93,13 @@ impl BlockGrid {
     pub fn total_bytes(&self) -> u64 {
         let rows = u64::from(self.height).next_multiple_of(u64::from(self.block_height));
         let columns = u64::from(self.width).next_multiple_of(u64::from(self.block_width));
-        columns.saturating_mul(rows).saturating_mul(self.sample_type.bytes() as u64)
+        columns.saturating_mul(rows).saturating_mul(self.pixel_bytes() as u64)
     }
 
     /// Tags that say what the samples are and how they are cut.
     pub fn tags(&self, compression: Compression) -> Vec<Tag> {
         let short = |id, value| Tag::new(id, Value::Shorts(vec![value]));
+        let each = |id, value| Tag::new(id, Value::Shorts(vec![value; usize::from(self.bands)]));
         let long = |id, value| Tag::new(id, Value::Long(value));
         let format = match self.sample_type {
             SampleType::Uint8 | SampleType::Uint16 | SampleType::Uint32 => 1,
@@ -103,13 +114,17 @@ impl BlockGrid {
         let mut tags = vec![
             long(tags::IMAGE_WIDTH, self.width),
             long(tags::IMAGE_LENGTH, self.height),
-            short(tags::BITS_PER_SAMPLE, 8 * self.sample_type.bytes() as u16),
+            each(tags::BITS_PER_SAMPLE, 8 * self.sample_type.bytes() as u16),
             short(tags::COMPRESSION, scheme),
-            short(tags::PHOTOMETRIC, 1),
-            short(tags::SAMPLES_PER_PIXEL, 1),
+            short(tags::PHOTOMETRIC, if self.bands > 2 { 2 } else { 1 }),
+            short(tags::SAMPLES_PER_PIXEL, self.bands),
             short(tags::PLANAR_CONFIGURATION, 1),
-            short(tags::SAMPLE_FORMAT, format),
+            each(tags::SAMPLE_FORMAT, format),
         ];
+        if self.bands.is_multiple_of(2) {
+            // Alpha, not multiplied with the colours.
+            tags.push(short(tags::EXTRA_SAMPLES, 2));
+        }
         if compression != Compression::None {
             tags.push(short(tags::PREDICTOR, if self.sample_type.is_float() { 3 } else { 2 }));
         }
@@ -158,7 +173,7 @@ pub(super) fn encode(
     if compression == Compression::None {
         return Ok(block);
     }
-    predict(&mut block, grid.block_width as usize, grid.sample_type);
+    predict(&mut block, grid);
     match compression {
         Compression::None => Ok(block),
         Compression::Deflate => {
@@ -173,7 +188,7 @@ pub(super) fn encode(
 
 /// Samples of a block: the last strip is short, tiles are padded with zeros.
 fn gather(grid: &BlockGrid, batch: &[u8], rows: u32, index: u64) -> Vec<u8> {
-    let bytes = grid.sample_type.bytes();
+    let bytes = grid.pixel_bytes();
     let (block_x, block_y) = ((index % grid.across()) as u32, (index / grid.across()) as u32);
     let (left, top) = (block_x * grid.block_width, block_y * grid.block_height);
     let columns = grid.block_width.min(grid.width - left) as usize;
@@ -190,14 +205,15 @@ fn gather(grid: &BlockGrid, batch: &[u8], rows: u32, index: u64) -> Vec<u8> {
 }
 
 /// TIFF predictor 2 (integers) or 3 (floats), row by row in place.
-fn predict(block: &mut [u8], width: usize, sample_type: SampleType) {
-    let row_bytes = width * sample_type.bytes();
+fn predict(block: &mut [u8], grid: &BlockGrid) {
+    let sample_type = grid.sample_type;
+    let row_bytes = grid.block_width as usize * grid.pixel_bytes();
     let mut scratch = Vec::new();
     for row in block.chunks_exact_mut(row_bytes) {
         match (sample_type.is_float(), sample_type.bytes()) {
             (true, 4) => predict_float::<4>(row, &mut scratch),
             (true, _) => predict_float::<8>(row, &mut scratch),
-            (false, 1) => difference::<1>(row),
+            (false, 1) => difference_of_bytes(row, grid.bands.into()),
             (false, 2) => difference::<2>(row),
             (false, _) => difference::<4>(row),
         }
@@ -214,6 +230,13 @@ fn difference<const N: usize>(row: &mut [u8]) {
         let value = u32::from_le_bytes(wide);
         sample.copy_from_slice(&value.wrapping_sub(previous).to_le_bytes()[..N]);
         previous = value;
+    }
+}
+
+/// Replaces every byte by its difference to that of the pixel before, `bands` bytes earlier, modulo 256.
+fn difference_of_bytes(row: &mut [u8], bands: usize) {
+    for at in (bands..row.len()).rev() {
+        row[at] = row[at].wrapping_sub(row[at - bands]);
     }
 }
 

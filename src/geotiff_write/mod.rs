@@ -1,11 +1,11 @@
-//! GeoTIFF writer: one band, streamed by rows from north to south.
+//! GeoTIFF writer: heights or a picture, streamed by rows from north to south.
 //!
 //! Directory and block index stand in front of the blocks; their size is known before the first sample comes, so
 //! the file is written once, in order, with the directory filled in last. Memory holds one batch of rows, whatever
 //! the height. Blocks of a batch are compressed in parallel; the bytes do not depend on the number of threads.
 //!
 //! Everything goes to a file beside the target, which [`GeotiffWriter::finish`] renames: a writer dropped half-way
-//! leaves nothing behind. Not here: several bands, masks, overviews.
+//! leaves nothing behind. Not here: masks, overviews.
 
 mod block;
 mod directory;
@@ -45,6 +45,8 @@ pub struct GeotiffSpec<'a> {
     pub height: u32,
     /// Type of the samples.
     pub sample_type: SampleType,
+    /// Samples of a pixel, which stand together: 1, or of a picture of bytes 2 (grey, alpha), 3 (red, green, blue) or 4 (and alpha).
+    pub bands: u16,
     /// Value that means void (tag `GDAL_NODATA`).
     pub nodata: Option<f64>,
     /// Where the raster lies. Its GeoKeys are written back as they are, or made from the EPSG code.
@@ -72,6 +74,7 @@ impl<'a> GeotiffSpec<'a> {
             width,
             height,
             sample_type,
+            bands: 1,
             nodata: None,
             geo,
             band_scale: 1.0,
@@ -158,7 +161,7 @@ impl GeotiffWriter {
         })
     }
 
-    /// Appends whole rows: a multiple of the width, in the type of the spec.
+    /// Appends whole rows: a multiple of the width (times the bands), in the type of the spec.
     ///
     /// # Errors
     /// [`Error::Usage`] for samples of another type, for a part of a row, and for more rows than the spec says.
@@ -171,7 +174,7 @@ impl GeotiffWriter {
                 sample_type.gdal_name()
             )));
         }
-        let width = self.grid.width as usize;
+        let width = self.grid.width as usize * usize::from(self.grid.bands);
         let rows_left = u64::from(self.grid.height - self.rows_taken);
         let rows = (count / width) as u64;
         if !count.is_multiple_of(width) || rows > rows_left {

@@ -174,6 +174,7 @@ fn metadata(info: &SourceInfo, plan: &Plan, statistics: &Statistics, options: &B
         sources: info.parts.iter().map(source_note).collect(),
         options: plan.options_json(options, info),
         levels: statistics.levels.iter().map(level_note).collect(),
+        imagery: None,
     }
 }
 

@@ -8,6 +8,7 @@
 
 mod bytes;
 mod checkpoint;
+pub mod imagery;
 mod merge;
 mod occupied;
 pub mod plan;

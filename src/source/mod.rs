@@ -10,6 +10,7 @@ pub mod geokeys;
 pub mod hgt;
 mod metadata;
 pub mod mosaic;
+pub mod picture;
 mod stated;
 pub mod tiff;
 pub mod unit;

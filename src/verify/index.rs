@@ -8,9 +8,9 @@ use std::io::{Read, Seek, SeekFrom};
 use super::VerifyOptions;
 use super::report::{Check, Place};
 use crate::codec::frame;
-use crate::container::directory::{Page, PageRef, TileEntry};
-use crate::container::reader::Reader;
-use crate::container::sections::{COVERED, PAGES, ROOT_PAGE, SectionEntry};
+use crate::container::directory::{IndexPage, Page, PageRef, Quadtree, Row};
+use crate::container::reader::{ImageryLayer, Reader};
+use crate::container::sections::{COVERED, IMAGERY_PAGES, PAGES, ROOT_PAGE, SectionEntry};
 use crate::error::{Error, Result};
 use crate::tile::TileId;
 
@@ -31,23 +31,27 @@ pub(super) fn pages(reader: &Reader, options: &VerifyOptions) -> Result<Check> {
     let mut check = Check::new("index pages", "pages", options.keep);
     let section = |kind| reader.sections().iter().find(|section| section.kind == kind).copied();
     let (Some(root), Some(pages)) = (section(ROOT_PAGE), section(PAGES)) else { return Ok(check) };
-    let file = File::open(reader.path()).map_err(|source| Error::io(reader.path(), "open", source))?;
-    let mut walk = Walk { reader, file, pages, places: Vec::new() };
     let length = u32::try_from(root.length).unwrap_or(u32::MAX);
     let first = PageRef { offset: 0, length, crc: root.crc };
-    let mut todo = vec![(TileId::ROOT, root.offset, first)];
-    while let Some((id, start, place)) = todo.pop() {
-        check.looked_at += 1;
-        let page = walk.read(id, start, place);
-        let Some(page) = check.take(page, Place::tile(id).part("index page"))? else { continue };
-        let last = id.level + page.depth - 1;
-        let below = page.tiles.iter().filter(|entry| entry.id.level == last).flat_map(TileEntry::child_ids);
-        for (child, place) in below.zip(&page.pages) {
-            walk.places.push((place.offset, place.length.into(), child));
-            todo.push((child, pages.offset.saturating_add(place.offset), *place));
-        }
+    let mut walk = Walk::new(reader, pages)?;
+    check.looked_at += 1;
+    let page = walk.read(reader.header(), TileId::ROOT, root.offset, first);
+    if let Some(page) = check.take::<Page>(page, Place::tile(TileId::ROOT).part("index page"))? {
+        walk.below(reader.header(), &page, &mut check)?;
     }
-    check_cover(&mut walk.places, pages.length, &mut check);
+    walk.check_cover("pages section", &mut check);
+    Ok(check)
+}
+
+/// Pages of the imagery's index likewise. (Its root page stands in the header and was checked when the file was opened.)
+pub(super) fn imagery_pages(reader: &Reader, layer: &ImageryLayer, options: &VerifyOptions) -> Result<Check> {
+    let mut check = Check::new("imagery pages", "pages", options.keep);
+    let pages = reader.sections().iter().find(|section| section.kind == IMAGERY_PAGES);
+    let Some(&pages) = pages else { return Ok(check) };
+    let mut walk = Walk::new(reader, pages)?;
+    check.looked_at += 1;
+    walk.below(layer.header(), layer.root_page(), &mut check)?;
+    walk.check_cover("imagery pages section", &mut check);
     Ok(check)
 }
 
@@ -59,11 +63,48 @@ struct Walk<'a> {
     places: Vec<(u64, u64, TileId)>,
 }
 
-impl Walk<'_> {
-    fn read(&mut self, id: TileId, start: u64, place: PageRef) -> Result<Page> {
+impl<'a> Walk<'a> {
+    fn new(reader: &'a Reader, pages: SectionEntry) -> Result<Self> {
+        let file = File::open(reader.path()).map_err(|source| Error::io(reader.path(), "open", source))?;
+        Ok(Self { reader, file, pages, places: Vec::new() })
+    }
+
+    /// Reads all pages below one.
+    fn below<R: Row>(&mut self, tree: &impl Quadtree, page: &IndexPage<R>, check: &mut Check) -> Result<()> {
+        let mut todo = self.refers(page);
+        while let Some((id, place)) = todo.pop() {
+            check.looked_at += 1;
+            let start = self.pages.offset.saturating_add(place.offset);
+            let page = self.read::<R>(tree, id, start, place);
+            let Some(page) = check.take(page, Place::tile(id).part("index page"))? else { continue };
+            todo.extend(self.refers(&page));
+        }
+        Ok(())
+    }
+
+    /// The pages that a page refers to, which are noted.
+    fn refers<R: Row>(&mut self, page: &IndexPage<R>) -> Vec<(TileId, PageRef)> {
+        let last = page.root().level + page.depth - 1;
+        let rows = page.tiles.iter().filter(|row| row.id().level == last);
+        let children = rows.flat_map(|row| {
+            (0..4).filter(|q| row.children() >> q & 1 != 0).map(|q| row.id().child(q)).collect::<Vec<_>>()
+        });
+        let refers: Vec<_> = children.zip(page.pages.iter().copied()).collect();
+        self.places.extend(refers.iter().map(|(id, place)| (place.offset, place.length.into(), *id)));
+        refers
+    }
+
+    fn read<R: Row>(
+        &mut self,
+        tree: &impl Quadtree,
+        id: TileId,
+        start: u64,
+        place: PageRef,
+    ) -> Result<IndexPage<R>> {
+        let most = 2 * IndexPage::<R>::MAX_BYTES;
         let inside = place.offset.saturating_add(place.length.into()) <= self.pages.length;
-        if (id != TileId::ROOT && !inside) || u64::from(place.length) > 2 * Page::MAX_BYTES {
-            let expected = format!("at most {} bytes within its section", 2 * Page::MAX_BYTES);
+        if (id != TileId::ROOT && !inside) || u64::from(place.length) > most {
+            let expected = format!("at most {most} bytes within its section");
             return Err(Error::format("place", expected, format!("{} at {}", place.length, place.offset)));
         }
         let mut packed = vec![0; place.length as usize];
@@ -76,19 +117,20 @@ impl Walk<'_> {
             return Err(Error::format("checksum", format!("{:08X}", place.crc), format!("{crc:08X}")));
         }
         let mut bytes = Vec::new();
-        frame::decompress(&packed, 1..=Page::MAX_BYTES as usize, "frame", &mut bytes)?;
-        Page::decode(&bytes, id, self.reader.header())
+        frame::decompress(&packed, 1..=IndexPage::<R>::MAX_BYTES as usize, "frame", &mut bytes)?;
+        IndexPage::decode(&bytes, id, tree)
     }
-}
 
-/// Fails unless the pages follow one another from the start of their section to its end.
-fn check_cover(places: &mut [(u64, u64, TileId)], length: u64, check: &mut Check) {
-    places.sort_unstable();
-    let mut end = 0;
-    for &(offset, bytes, id) in &*places {
-        let place = || Place::tile(id).part("index page");
-        check.demand(offset == end, place, format_args!("offset {end}"), offset);
-        end = offset.saturating_add(bytes);
+    /// Fails unless the pages follow one another from the start of their section to its end.
+    fn check_cover(&mut self, section: &str, check: &mut Check) {
+        self.places.sort_unstable();
+        let mut end = 0;
+        for &(offset, bytes, id) in &self.places {
+            let place = || Place::tile(id).part("index page");
+            check.demand(offset == end, place, format_args!("offset {end}"), offset);
+            end = offset.saturating_add(bytes);
+        }
+        let length = self.pages.length;
+        check.demand(end == length, || Place::of(section), format_args!("pages up to {length}"), end);
     }
-    check.demand(end == length, || Place::of("pages section"), format_args!("pages up to {length}"), end);
 }

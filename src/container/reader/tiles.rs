@@ -68,7 +68,7 @@ impl Reader {
     ) -> Result<()> {
         let coding = self.header().coding;
         let (heights, mask) =
-            self.heights_and_mask(entry, &mut desk.chunks).map_err(|error| error.at(&self.path))?;
+            self.heights_and_mask(entry, &mut desk.chunks).map_err(|error| error.at(self.path()))?;
         shape(out, self.header().tile() as usize, coding);
         if let Some(parent) = parent {
             copy_even(parent, entry.id, out);
@@ -93,11 +93,11 @@ impl Reader {
             buffer.resize(length, 0);
         }
         let chunks = &mut buffer[..length];
-        self.read_into(chunks, self.tiles.offset + start, "heights and mask")?;
+        self.input.read_into(chunks, self.index.tiles.offset + start, "heights and mask")?;
         let (heights, mask) = chunks.split_at(heights as usize);
         for (kind, bytes) in [(ChunkKind::Heights, heights), (ChunkKind::Mask, mask)] {
             let (offset, _, crc) = entry.chunks.chunk(kind);
-            let offset = self.tiles.offset + offset;
+            let offset = self.index.tiles.offset + offset;
             check_crc(bytes, crc, || format!("tile {}, {} chunk at offset {offset}", entry.id, kind.name()))?;
         }
         Ok((heights, mask))

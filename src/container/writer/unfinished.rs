@@ -42,8 +42,15 @@ impl ContainerWriter {
             }));
         }
         let records = BufWriter::with_capacity(BUFFER, file);
-        let mut writer =
-            Self { files, records, tree: Tree::default(), levels: Vec::new(), failed: false, work };
+        let mut writer = Self {
+            files,
+            records,
+            tree: Tree::default(),
+            levels: Vec::new(),
+            imagery: None,
+            failed: false,
+            work,
+        };
         for entry in entries {
             writer.push(entry)?;
         }

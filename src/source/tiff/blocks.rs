@@ -141,7 +141,7 @@ impl Band {
     }
 
     /// Decodes a block that is in the file.
-    fn decode(&self, index: usize, buffers: &mut Buffers) -> Result<()> {
+    pub(super) fn decode(&self, index: usize, buffers: &mut Buffers) -> Result<()> {
         let layout = &self.layout;
         let (start, count) = (layout.offsets[index], layout.counts[index]);
         let name = || layout.block_name(index);
@@ -150,7 +150,7 @@ impl Band {
             let got = format!("{there} bytes up to its end (it is cut off, or damaged: get it again)");
             return Err(Error::format(name(), format!("{count} bytes of the file"), got));
         }
-        let rows = layout.coded_rows((index / layout.across as usize) as u32);
+        let rows = layout.coded_rows((index / layout.across as usize) as u32 % layout.down);
         // No encoder makes a block more than twice as large: what stands behind is not needed.
         let most = 2 * layout.row_bytes() * u64::from(rows) + (1 << 16);
         decode::resize(&mut buffers.packed, count.min(most) as usize)?;

@@ -57,9 +57,11 @@ pub(super) fn block(
         Compression::Deflate => deflate(packed, bytes, inflater),
         Compression::PackBits => Ok(pack_bits(packed, bytes)),
         Compression::Zstd => zstandard(packed, bytes, zstd),
+        Compression::Jpeg => super::jpeg::decode(packed, layout, rows, bytes, name).map_err(Problem::Other),
     };
     let got = got.map_err(|problem| match problem {
         Problem::Damaged(got) => Error::format(name(), format!("{expected} bytes"), got),
+        Problem::Other(error) => error,
         Problem::OldLzw => {
             Error::unsupported("LZW of before 1988 (bits reversed)", "convert it with gdal_translate")
         }
@@ -74,6 +76,9 @@ pub(super) fn block(
         }
         Stored::Number(kind) => {
             unpredict(layout, kind, bytes, row_bytes, spare)?;
+            if layout.all_bands {
+                return Ok(());
+            }
             first_band(bytes, kind.bytes(), layout.bands as usize);
         }
     }
@@ -84,6 +89,7 @@ pub(super) fn block(
 enum Problem {
     Damaged(String),
     OldLzw,
+    Other(Error),
 }
 
 fn lzw(packed: &[u8], out: &mut [u8]) -> Result<usize, Problem> {

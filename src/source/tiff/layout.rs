@@ -11,6 +11,12 @@ use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
 
+/// Bytes of an uncompressed strip of a picture, at most, unless one row has more.
+const SHORT_STRIP: u64 = 512 << 10;
+
+/// No more of them are made: the offsets of a damaged file would fill the memory.
+const MOST_STRIPS: u32 = 1 << 22;
+
 /// How the bytes of a block are packed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Compression {
@@ -19,6 +25,17 @@ pub(super) enum Compression {
     Deflate,
     PackBits,
     Zstd,
+    /// Of pictures only.
+    Jpeg,
+}
+
+/// What an image is read for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Purpose {
+    /// Its first band: heights, a mask.
+    FirstBand,
+    /// All of its bands.
+    Picture,
 }
 
 /// What was subtracted from the samples before packing.
@@ -55,13 +72,17 @@ pub(super) struct Layout {
     pub(super) stored: Stored,
     /// Samples of different bands beside each other in a block; this band is the first of them.
     pub(super) bands: u32,
+    /// True if a decoded block keeps all of them, not the first one only.
+    pub(super) all_bands: bool,
     /// Bands of the file; the first is the elevation.
     pub(super) band_count: u32,
     pub(super) compression: Compression,
     pub(super) predictor: Predictor,
     /// True if numbers must be turned to this machine's byte order.
     pub(super) swapped: bool,
-    /// Offsets of the blocks, row by row.
+    /// What JPEG blocks have in common (tag 347), and whether they are YCbCr.
+    pub(super) jpeg: (Vec<u8>, bool),
+    /// Offsets of the blocks, row by row; of a picture whose bands lie apart, band by band.
     pub(super) offsets: Vec<u64>,
     /// Bytes of the blocks in the file; 0 for one that is not there.
     pub(super) counts: Vec<u64>,
@@ -77,11 +98,16 @@ impl Stored {
 }
 
 impl Layout {
-    /// The first band of an image.
-    pub(super) fn read(reader: &mut Reader<'_>, directory: &Directory, limits: &Limits) -> Result<Self> {
+    /// The first band of an image, or all.
+    pub(super) fn read(
+        reader: &mut Reader<'_>,
+        directory: &Directory,
+        limits: &Limits,
+        purpose: Purpose,
+    ) -> Result<Self> {
         let width = side(reader, directory, Tag::ImageWidth, limits)?;
         let height = side(reader, directory, Tag::ImageLength, limits)?;
-        let compression = compression(reader, directory)?;
+        let compression = compression(reader, directory, purpose)?;
         if reader.integer(directory, Tag::FillOrder)? == Some(2) {
             return Err(unsupported("bits stored from the lowest to the highest (FillOrder 2)"));
         }
@@ -113,16 +139,60 @@ impl Layout {
             tiled,
             stored,
             bands: if planar { 1 } else { u32::from(samples) },
+            all_bands: purpose == Purpose::Picture,
             band_count: u32::from(samples),
             compression,
             predictor,
             swapped: reader.swapped,
+            jpeg: if compression == Compression::Jpeg {
+                jpeg(reader, directory)?
+            } else {
+                (Vec::new(), false)
+            },
             offsets: Vec::new(),
             counts: Vec::new(),
         };
-        layout.check_size(limits)?;
         layout.read_blocks(reader, directory)?;
+        if purpose == Purpose::Picture {
+            layout.shorten();
+        }
+        layout.check_size(limits)?;
         Ok(layout)
+    }
+
+    /// Sets of blocks: one, or one for each band of a picture whose bands lie apart.
+    pub(super) fn planes(&self) -> u32 {
+        if self.all_bands { self.band_count / self.bands } else { 1 }
+    }
+
+    /// Cuts uncompressed strips into short ones, so that nobody has to read a picture that is one strip as a whole.
+    fn shorten(&mut self) {
+        let most = (SHORT_STRIP / self.row_bytes().max(1)).max(1);
+        if self.tiled || !self.is_direct() || u64::from(self.block_height) <= most {
+            return;
+        }
+        let whole = self.block_height;
+        // One strip can be cut anywhere, of several each in the same way.
+        let parts = (2..=whole).filter(|&parts| self.down == 1 || whole.is_multiple_of(parts));
+        let mut heights = parts.map(|parts| whole.div_ceil(parts));
+        let Some(short) = heights.find(|&height| u64::from(height) <= most) else { return };
+        let (down, bytes) = (self.height.div_ceil(short), self.row_bytes());
+        if down > MOST_STRIPS {
+            return;
+        }
+        let mut offsets = Vec::new();
+        let mut counts = Vec::new();
+        for plane in 0..self.planes() {
+            for row in (0..down).map(|strip| strip * short) {
+                let old = (plane * self.down + row / whole) as usize;
+                let skip = bytes * u64::from(row % whole);
+                let rows = bytes * u64::from(short.min(self.height - row).min(whole - row % whole));
+                offsets.push(self.offsets[old].saturating_add(skip));
+                counts.push(rows.min(self.counts[old].saturating_sub(skip)));
+            }
+        }
+        (self.block_height, self.down) = (short, down);
+        (self.offsets, self.counts) = (offsets, counts);
     }
 
     /// Bytes of one row of a block.
@@ -164,21 +234,29 @@ impl Layout {
             Compression::Deflate => "Deflate",
             Compression::PackBits => "PackBits",
             Compression::Zstd => "ZSTD",
+            Compression::Jpeg => "JPEG",
         };
         let predictor = match self.predictor {
             Predictor::None => "",
             Predictor::Horizontal => ", predictor 2",
             Predictor::FloatingPoint => ", predictor 3",
         };
-        let band =
-            if self.band_count > 1 { format!(", band 1 of {}", self.band_count) } else { String::new() };
+        let band = match self.band_count {
+            1 => String::new(),
+            count if self.all_bands => format!(", {count} bands"),
+            count => format!(", band 1 of {count}"),
+        };
         format!("{blocks}, {packed}{predictor}{band}")
     }
 
     /// A block that has to be decoded as a whole must fit; of others only the rows in use are ever copied.
     fn check_size(&self, limits: &Limits) -> Result<()> {
         let bytes = u128::from(self.row_bytes()) * u128::from(self.block_height);
-        let max = if self.is_direct() { u128::from(u64::MAX) } else { u128::from(limits.block_bytes) };
+        let max = if self.is_direct() && !self.all_bands {
+            u128::from(u64::MAX)
+        } else {
+            u128::from(limits.block_bytes)
+        };
         if bytes > max {
             let what = if self.tiled {
                 "the size of a decoded tile in bytes"
@@ -196,7 +274,7 @@ impl Layout {
         } else {
             (Tag::StripOffsets, Tag::StripByteCounts)
         };
-        let blocks = u64::from(self.across) * u64::from(self.down);
+        let blocks = u64::from(self.across) * u64::from(self.down) * u64::from(self.planes());
         let whole = |tag: Tag, mut values: Vec<u64>| {
             if (values.len() as u64) < blocks {
                 return Err(Error::format(place(tag), format!("{blocks} blocks"), values.len()));
@@ -212,7 +290,7 @@ impl Layout {
             // Some old writers leave the counts of uncompressed strips to the reader.
             None if self.compression == Compression::None => (0..blocks)
                 .map(|index| {
-                    let row = (index / u64::from(self.across)) as u32;
+                    let row = (index / u64::from(self.across) % u64::from(self.down)) as u32;
                     self.row_bytes().saturating_mul(u64::from(self.coded_rows(row)))
                 })
                 .collect(),
@@ -254,13 +332,14 @@ fn rows_per_strip(reader: &mut Reader<'_>, directory: &Directory, height: u32) -
     }
 }
 
-fn compression(reader: &mut Reader<'_>, directory: &Directory) -> Result<Compression> {
+fn compression(reader: &mut Reader<'_>, directory: &Directory, purpose: Purpose) -> Result<Compression> {
     let name = match reader.integer(directory, Tag::Compression)?.unwrap_or(1) {
         1 => return Ok(Compression::None),
         5 => return Ok(Compression::Lzw),
         8 | 32946 => return Ok(Compression::Deflate),
         32773 => return Ok(Compression::PackBits),
         50000 => return Ok(Compression::Zstd),
+        7 if purpose == Purpose::Picture => return Ok(Compression::Jpeg),
         2..=4 | 32771 => "fax",
         6 | 7 => "JPEG",
         34712 => "JPEG 2000",
@@ -272,6 +351,13 @@ fn compression(reader: &mut Reader<'_>, directory: &Directory) -> Result<Compres
         other => return Err(unsupported(format!("compression {other}"))),
     };
     Err(unsupported(format!("{name} compression")))
+}
+
+/// Tables that all blocks share, and whether the blocks are YCbCr: anything else is taken as it is.
+fn jpeg(reader: &mut Reader<'_>, directory: &Directory) -> Result<(Vec<u8>, bool)> {
+    let tables = reader.integers(directory, Tag::JPEGTables)?.unwrap_or_default();
+    let tables = tables.into_iter().map(|byte| byte as u8).collect();
+    Ok((tables, reader.integer(directory, Tag::PhotometricInterpretation)? == Some(6)))
 }
 
 fn stored(reader: &mut Reader<'_>, directory: &Directory) -> Result<Stored> {
@@ -308,7 +394,7 @@ fn predictor(
     compression: Compression,
     stored: Stored,
 ) -> Result<Predictor> {
-    if matches!(compression, Compression::None | Compression::PackBits) {
+    if matches!(compression, Compression::None | Compression::PackBits | Compression::Jpeg) {
         return Ok(Predictor::None);
     }
     let is_float = matches!(stored, Stored::Number(kind) if kind.is_float());
@@ -346,10 +432,12 @@ pub(super) mod tests {
             tiled: true,
             stored: Stored::Number(SampleType::Uint32),
             bands: 1,
+            all_bands: false,
             band_count: 1,
             compression: Compression::None,
             predictor: Predictor::None,
             swapped: false,
+            jpeg: (Vec::new(), false),
             offsets: Vec::new(),
             counts: Vec::new(),
         }

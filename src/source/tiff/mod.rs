@@ -11,8 +11,10 @@ mod direct;
 mod directory;
 mod file;
 mod georeference;
+mod jpeg;
 mod layout;
 mod parts;
+pub(in crate::source) mod raster;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -24,7 +26,7 @@ use tiff::tags::Tag;
 use self::blocks::Band;
 use self::directory::{GDAL_METADATA, Reader};
 use self::file::TiffFile;
-use self::layout::{Layout, Stored};
+use self::layout::{Layout, Purpose, Stored};
 use super::{FileStamp, Fingerprint, Part, Samples, Source, SourceInfo, Window, file_name, metadata};
 use crate::error::{Error, Result};
 use crate::limits::Limits;
@@ -55,7 +57,7 @@ impl TiffSource {
         let mut reader = Reader::new(file.cursor(), file.length(), limits)?;
         let directories = reader.directories()?;
         let image = directories.first().ok_or_else(|| Error::format("TIFF header", "an image", "none"))?;
-        let layout = Layout::read(&mut reader, image, limits)?;
+        let layout = Layout::read(&mut reader, image, limits, Purpose::FirstBand)?;
         let Stored::Number(kind) = layout.stored else {
             return Err(Error::unsupported("1-bit samples", "convert it with gdal_translate -ot Byte"));
         };
@@ -156,7 +158,7 @@ fn internal_mask(
         if kind & MASK == 0 || kind & REDUCED != 0 {
             continue;
         }
-        let mask = Layout::read(reader, directory, limits)?;
+        let mask = Layout::read(reader, directory, limits, Purpose::FirstBand)?;
         if (mask.width, mask.height) == (of.width, of.height) {
             return check_mask(mask).map(Some);
         }
@@ -187,7 +189,7 @@ fn external_mask(path: &Path, of: &Layout, limits: &Limits) -> Result<Option<Ban
         let mut reader = Reader::new(file.cursor(), file.length(), limits)?;
         let directories = reader.directories()?;
         let image = directories.first().ok_or_else(|| Error::format("TIFF header", "an image", "none"))?;
-        let mask = check_mask(Layout::read(&mut reader, image, limits)?)?;
+        let mask = check_mask(Layout::read(&mut reader, image, limits, Purpose::FirstBand)?)?;
         if (mask.width, mask.height) != (of.width, of.height) {
             let expected = format!("a mask of {} x {}", of.width, of.height);
             return Err(Error::format("size", expected, format!("{} x {}", mask.width, mask.height)));

@@ -1,0 +1,287 @@
+//! From pictures to tiles, from the finest level to the root, in rows from north to south.
+//!
+//! The texel (i, j) of a level has one value, whichever tile asks for it: where a tile of the next level is, the mean of its four texels,
+//! else the pictures that belong to this level or a coarser one, resampled. So gutters agree with neighbours whether those
+//! have children or not. Each tile leaves a [`Half`] for the level above; a tile there is made of the halves of its four children and of
+//! the twelve around them, which are known once the row of children below its own is. Memory therefore holds four rows of halves
+//! of each level, of tiles that exist, and no tile itself.
+
+use std::collections::HashMap;
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use rayon::prelude::*;
+
+use super::composite::Canvas;
+use super::half::Half;
+use super::place::Placed;
+use super::resample::{Square, resample};
+use super::{GUTTER, Observer, TileSink, fill};
+use crate::error::{Error, Result};
+use crate::texel::{Colour, Texels};
+use crate::tile::TileId;
+
+/// Tiles of a level that are worked on together, about: enough for many threads, few enough that their halves need little memory.
+const BATCH: usize = 96;
+
+/// What has been made.
+#[derive(Debug, Default)]
+pub(super) struct Counts {
+    /// Tiles of each level.
+    pub(super) tiles: Vec<u64>,
+    /// Texels of leaf tiles, and the sum of their alphas.
+    pub(super) leaf_texels: u64,
+    pub(super) leaf_alpha: u64,
+}
+
+/// One pass over all levels.
+pub(super) struct Sweep<'a> {
+    pub(super) placed: &'a [Placed<'a>],
+    pub(super) kind: Colour,
+    pub(super) tile: usize,
+    pub(super) sink: &'a dyn TileSink,
+    pub(super) observer: &'a Observer<'a>,
+}
+
+/// How far one level is.
+struct Level {
+    /// Rows of tiles that pictures touch.
+    rows: Range<u32>,
+    /// Its first row that is not made yet.
+    next: u32,
+    /// What its tiles leave for their parents.
+    halves: HashMap<(u32, u32), Half>,
+}
+
+/// A tile that exists.
+struct Made {
+    half: Half,
+    leaf: bool,
+    alpha: u64,
+}
+
+/// Tiles looked at, of how many.
+struct Progress<'a> {
+    done: AtomicU64,
+    total: u64,
+    stopped: AtomicBool,
+    observer: &'a Observer<'a>,
+}
+
+impl Progress<'_> {
+    fn goes_on(&self) -> bool {
+        !self.stopped.load(Ordering::Relaxed)
+    }
+
+    fn stop(&self) {
+        self.stopped.store(true, Ordering::Relaxed);
+    }
+
+    /// One more; false if somebody wants to stop.
+    fn step(&self) -> bool {
+        (self.observer)(self.done.fetch_add(1, Ordering::Relaxed) + 1, self.total)
+    }
+}
+
+impl Sweep<'_> {
+    /// Makes all tiles.
+    pub(super) fn run(&self) -> Result<Counts> {
+        let finest = self.placed.iter().map(|placed| placed.level).max().unwrap_or(0);
+        let mut levels: Vec<Level> = (0..=finest).map(|level| self.level(level)).collect();
+        let mut counts = Counts { tiles: vec![0; levels.len()], ..Counts::default() };
+        let own = |level: usize| {
+            levels[level]
+                .rows
+                .clone()
+                .flat_map(move |row| self.own(level, row))
+                .map(|columns| columns.len() as u64)
+        };
+        let progress = Progress {
+            done: AtomicU64::new(0),
+            total: (0..levels.len()).flat_map(own).sum(),
+            stopped: AtomicBool::new(false),
+            observer: self.observer,
+        };
+        self.climb(&mut levels, usize::from(finest), &progress, &mut counts)?;
+        Ok(counts)
+    }
+
+    fn level(&self, level: u8) -> Level {
+        let finer = self.placed.iter().filter(|placed| placed.level >= level);
+        let rows = finer.map(|placed| placed.rows(level)).filter(|rows| !rows.is_empty());
+        let rows = rows.reduce(|a, b| a.start.min(b.start)..a.end.max(b.end)).unwrap_or(0..0);
+        Level { next: rows.start, rows, halves: HashMap::new() }
+    }
+
+    /// Makes all rows of a level whose children are made, some at a time, and after each time what can be made of them above.
+    fn climb(
+        &self,
+        levels: &mut [Level],
+        level: usize,
+        progress: &Progress<'_>,
+        counts: &mut Counts,
+    ) -> Result<()> {
+        loop {
+            let ready = match levels.get(level + 1) {
+                // The row of children below those of a row must be there.
+                Some(below) if below.next < below.rows.end => below.next.saturating_sub(1) / 2,
+                _ => u32::MAX,
+            };
+            let (start, limit) = (levels[level].next, ready.min(levels[level].rows.end));
+            let (mut end, mut found) = (start, 0);
+            while end < limit && found < BATCH {
+                found += 1 + self.own(level, end).iter().map(Range::len).sum::<usize>();
+                end += 1;
+            }
+            if start >= end {
+                return Ok(());
+            }
+            self.rows(levels, level, start..end, progress, counts)?;
+            if level > 0 {
+                self.climb(levels, level - 1, progress, counts)?;
+            }
+        }
+    }
+
+    /// Columns of tiles in a row that pictures of this very level touch.
+    fn own(&self, level: usize, row: u32) -> Vec<Range<u32>> {
+        let own = self.placed.iter().filter(|placed| usize::from(placed.level) == level);
+        let mut all: Vec<Range<u32>> = own
+            .filter(|placed| placed.rows(placed.level).contains(&row))
+            .map(|placed| placed.columns(placed.level, row))
+            .filter(|columns| !columns.is_empty())
+            .collect();
+        all.sort_unstable_by_key(|columns| columns.start);
+        let mut apart: Vec<Range<u32>> = Vec::new();
+        for columns in all {
+            match apart.last_mut().filter(|last| last.end >= columns.start) {
+                Some(last) => last.end = last.end.max(columns.end),
+                None => apart.push(columns),
+            }
+        }
+        apart
+    }
+
+    /// Tiles of some rows that may exist, and whether pictures of their level touch them.
+    fn candidates(
+        &self,
+        level: usize,
+        rows: Range<u32>,
+        children: &HashMap<(u32, u32), Half>,
+    ) -> Vec<(TileId, bool)> {
+        let parents = children.keys().map(|&(x, y)| (y / 2, x / 2)).filter(|(y, _)| rows.contains(y));
+        let mut all: Vec<(u32, u32, bool)> = parents.map(|(y, x)| (y, x, false)).collect();
+        for y in rows.clone() {
+            all.extend(self.own(level, y).into_iter().flatten().map(|x| (y, x, true)));
+        }
+        // Of two that are one, that of a picture comes first.
+        all.sort_unstable_by_key(|&(y, x, own)| (y, x, !own));
+        all.dedup_by_key(|&mut (y, x, _)| (y, x));
+        all.into_iter().map(|(y, x, own)| (TileId::new(level as u8, x, y), own)).collect()
+    }
+
+    /// Makes rows of one level, whose children are all made.
+    fn rows(
+        &self,
+        levels: &mut [Level],
+        level: usize,
+        rows: Range<u32>,
+        progress: &Progress<'_>,
+        counts: &mut Counts,
+    ) -> Result<()> {
+        let none = HashMap::new();
+        let children = levels.get(level + 1).map_or(&none, |below| &below.halves);
+        let make = |&(id, own): &(TileId, bool)| {
+            let made = if progress.goes_on() { self.make(id, children) } else { Err(Error::Interrupted) };
+            if made.is_err() || own && !progress.step() {
+                progress.stop();
+                return made.and(Err(Error::Interrupted));
+            }
+            Ok(made?.map(|made| (id, made)))
+        };
+        let made: Vec<Result<Option<(TileId, Made)>>> =
+            self.candidates(level, rows.clone(), children).par_iter().map(make).collect();
+        // An error of one tile interrupts the others: it is the one to report.
+        let is_cause =
+            |made: &Result<_>| made.as_ref().is_err_and(|error| !matches!(error, Error::Interrupted));
+        let cause = made.iter().position(is_cause);
+        for result in made.into_iter().skip(cause.unwrap_or(0)) {
+            let Some((id, made)) = result? else { continue };
+            counts.tiles[level] += 1;
+            if made.leaf {
+                counts.leaf_texels += (self.tile * self.tile) as u64;
+                counts.leaf_alpha += made.alpha;
+            }
+            levels[level].halves.insert((id.x, id.y), made.half);
+        }
+        if let Some(below) = levels.get_mut(level + 1) {
+            below.halves.retain(|&(_, y), _| u64::from(y) + 1 >= 2 * u64::from(rows.end));
+        }
+        levels[level].next = rows.end;
+        Ok(())
+    }
+
+    /// Makes a tile and gives it to the sink; `None` if it is wholly transparent.
+    fn make(&self, id: TileId, halves: &HashMap<(u32, u32), Half>) -> Result<Option<Made>> {
+        let cells = cells(id, halves);
+        let quadrants = [(1, 1), (2, 1), (1, 2), (2, 2)];
+        let children = (0..4).filter(|&q| cells[quadrants[q].1][quadrants[q].0].is_some());
+        let children = children.fold(0, |bits, q| bits | 1 << q);
+        let side = self.tile + 2 * GUTTER;
+        let square = Square { level: id.level, left: self.start(id.x), top: self.start(id.y), side };
+        let missing = cells.iter().flatten().any(Option::is_none);
+        let (canvas, own) = if missing { self.paint(square)? } else { (None, false) };
+        if children == 0 && !own {
+            return Ok(None);
+        }
+        let mut canvas = canvas.unwrap_or_else(|| Canvas::new(self.kind, side));
+        for (y, row) in cells.iter().enumerate() {
+            for (x, half) in row.iter().enumerate() {
+                if let Some(half) = half {
+                    half.paste(&mut canvas, x, y);
+                }
+            }
+        }
+        let half = Half::of(&canvas);
+        let inner = canvas.alpha.chunks_exact(side).take(side - GUTTER).skip(GUTTER);
+        let alpha = inner.flat_map(|row| &row[GUTTER..side - GUTTER]).map(|&alpha| u64::from(alpha)).sum();
+        fill::fill(&mut canvas.colour, &canvas.alpha, side, self.kind.channels());
+        let opaque = canvas.is_opaque();
+        let texels =
+            Texels { side, kind: self.kind, colour: canvas.colour, alpha: (!opaque).then_some(canvas.alpha) };
+        self.sink.tile(id, children, texels)?;
+        Ok(Some(Made { half, leaf: children == 0, alpha }))
+    }
+
+    /// The first texel of a tile, its gutter counted.
+    fn start(&self, index: u32) -> i64 {
+        i64::from(index) * self.tile as i64 - GUTTER as i64
+    }
+
+    /// Resamples the pictures of this level and of coarser ones. True if one of this level is seen inside the gutter.
+    fn paint(&self, square: Square) -> Result<(Option<Canvas>, bool)> {
+        let (mut canvas, mut own) = (None, false);
+        // The last picture lies on top.
+        for placed in self.placed.iter().rev().filter(|placed| placed.level <= square.level) {
+            if !placed.may_show(square) {
+                continue;
+            }
+            let layer = resample(placed, square).map_err(|error| error.at(placed.name()))?;
+            let Some(layer) = layer else { continue };
+            let canvas = canvas.get_or_insert_with(|| Canvas::new(self.kind, square.side));
+            own |= canvas.below(layer, GUTTER) && placed.level == square.level;
+            if canvas.is_opaque() {
+                break;
+            }
+        }
+        Ok((canvas, own))
+    }
+}
+
+/// What children of a tile and those around them have left: row by row, the tile's own in the middle.
+fn cells(id: TileId, halves: &HashMap<(u32, u32), Half>) -> [[Option<&Half>; 4]; 4] {
+    let at = |start: u32, cell: usize| (2 * start + cell as u32).checked_sub(1);
+    std::array::from_fn(|y| {
+        std::array::from_fn(|x| at(id.x, x).zip(at(id.y, y)).and_then(|key| halves.get(&key)))
+    })
+}

@@ -1,0 +1,187 @@
+//! The imagery layer: pictures become tiles (`crate::imagery`), tiles chunks (`codec::picture`), chunks the sections of a container.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+
+use super::{Observer, Stage, threads};
+use crate::codec::picture::{self, Codec};
+use crate::container::amend;
+use crate::container::imagery::ImageryHeader;
+use crate::container::metadata::{ImageryNote, PictureSourceNote};
+use crate::container::reader::Reader;
+use crate::container::work::{Earlier, WorkFolder};
+use crate::container::writer::{ImagerySections, ImageryWriter};
+use crate::error::{Error, Result};
+use crate::geo::{Crs, Geo};
+use crate::imagery::{self, GUTTER, PlacedPicture, PyramidReport, Resolution, TexelGrid, TileSink};
+use crate::source::picture::Picture;
+use crate::texel::{Colour, Texels};
+use crate::tile::TileId;
+
+/// Bytes of metadata that the list of pictures may take: it shares the first 64 KiB of a file with much else.
+const NOTE_BYTES: usize = 8 << 10;
+
+/// How a layer is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LayerOptions {
+    /// Codec of the tiles.
+    pub codec: Codec,
+    /// Quality of JPEGs, 1..=100; other codecs have none.
+    pub quality: u8,
+    /// Texels along the side of a tile, gutters not counted: a multiple of 4 in 64..=4096.
+    pub tile: u32,
+    /// Which level a picture belongs to.
+    pub resolution: Resolution,
+}
+
+impl Default for LayerOptions {
+    fn default() -> Self {
+        Self { codec: Codec::Jpeg, quality: 85, tile: 512, resolution: Resolution::default() }
+    }
+}
+
+/// A layer that waits for its container: for [`crate::container::writer::ContainerWriter::attach`], and `note` for its metadata.
+#[derive(Debug)]
+pub struct Layer {
+    /// The sections, with their files in the folder that was given.
+    pub sections: ImagerySections,
+    /// What the metadata say of it.
+    pub note: ImageryNote,
+    /// What the pyramid is.
+    pub pyramid: PyramidReport,
+}
+
+/// What [`add`] has done.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AddReport {
+    /// What the layer says about itself.
+    pub header: ImageryHeader,
+    /// Tiles and bytes of each level, the root first.
+    pub levels: Vec<(u64, u64)>,
+    /// Bytes of the layer.
+    pub bytes: u64,
+    /// Bytes of the file.
+    pub file_bytes: u64,
+    /// What the pyramid is.
+    pub pyramid: PyramidReport,
+    /// Wall time.
+    pub elapsed: Duration,
+}
+
+/// Encodes tiles on the threads that made them.
+struct Sink<'a>(&'a ImageryWriter);
+
+impl TileSink for Sink<'_> {
+    fn tile(&self, id: TileId, children: u8, texels: Texels) -> Result<()> {
+        let chunks = picture::encode(&self.0.form(), &texels)?;
+        self.0.append(id, children, &chunks)
+    }
+}
+
+/// Makes a layer over heights that lie at `geo`, whose root square has so many intervals. Its files go to `folder`, which must be there. Runs on
+/// the current thread pool.
+pub fn layer(
+    pictures: &[Box<dyn Picture>],
+    (geo, intervals): (&Geo, u64),
+    options: &LayerOptions,
+    folder: &Path,
+    observer: &dyn Observer,
+) -> Result<Layer> {
+    let is_rgb = pictures.iter().any(|picture| picture.info().kind == Colour::Rgb);
+    let header = ImageryHeader {
+        tile: options.tile,
+        gutter: GUTTER as u8,
+        codec: options.codec,
+        quality: if options.codec == Codec::Jpeg { options.quality } else { 0 },
+        colour: if is_rgb { Colour::Rgb } else { Colour::Grey },
+        alpha: false,
+        leaf: 0,
+        tiles: 0,
+    };
+    let writer = ImageryWriter::create(folder, header)?;
+    let grid = TexelGrid { tile: options.tile, intervals };
+    let watch = |stage| {
+        move |done, total| {
+            observer.rows(stage, done, total);
+            !observer.cancelled()
+        }
+    };
+    let pyramid =
+        imagery::build(pictures, geo, &grid, options.resolution, &Sink(&writer), &watch(Stage::Build))?;
+    let sections = writer.finish(&mut watch(Stage::Write))?;
+    let note = note(&sections.header, options.resolution, &pyramid);
+    Ok(Layer { sections, note, pyramid })
+}
+
+fn note(header: &ImageryHeader, resolution: Resolution, pyramid: &PyramidReport) -> ImageryNote {
+    let mut room = NOTE_BYTES;
+    let fits = |note: &PictureSourceNote| {
+        let bytes = serde_json::to_vec(note).map_or(0, |json| json.len() + 1);
+        room = room.saturating_sub(bytes);
+        room > 0
+    };
+    ImageryNote {
+        tool: concat!("relevo ", env!("CARGO_PKG_VERSION")).to_owned(),
+        pictures: pyramid.pictures.len() as u64,
+        sources: pyramid.pictures.iter().map(source_note).take_while(fits).collect(),
+        options: json!({
+            "codec": header.codec.as_str(), "quality": header.quality, "tile": header.tile,
+            "resolution": format!("{resolution:?}").to_lowercase(),
+        }),
+    }
+}
+
+fn source_note(placed: &PlacedPicture) -> PictureSourceNote {
+    let note = placed.note.clone();
+    PictureSourceNote {
+        name: note.name,
+        description: note.description,
+        bands: note.bands,
+        stretch: note.stretch,
+        level: placed.level,
+    }
+}
+
+/// Opens pictures that lie in a coordinate system.
+pub type Open<'a> = &'a (dyn Fn(&Crs) -> Result<Vec<Box<dyn Picture>>> + Sync);
+
+/// Puts an imagery layer of some pictures, the last on top, into a file that is there, or another in its place. The heights are copied, not
+/// decoded. Until all is done the old file stays; on any error it is left as it was.
+pub fn add(
+    file: &Path,
+    open: Open<'_>,
+    options: &LayerOptions,
+    jobs: Option<usize>,
+    observer: &dyn Observer,
+) -> Result<AddReport> {
+    let start = Instant::now();
+    if !file.is_file() {
+        let error = std::io::ErrorKind::NotFound.into();
+        return Err(Error::io(file, "add imagery to this file", error));
+    }
+    let mut work = WorkFolder::take(file, true, Earlier::Refuse)?;
+    threads(jobs)?.install(|| {
+        let reader = Reader::open(work.output())?;
+        let opened = open(&reader.geo().crs)?;
+        let header = reader.header();
+        let intervals = u64::from(header.tile()) << header.levels;
+        let layer = layer(&opened, (reader.geo(), intervals), options, work.folder(), observer)?;
+        // An open file cannot be replaced on Windows.
+        drop(reader);
+        let mut go_on = |done, total| {
+            observer.rows(Stage::Write, done, total);
+            !observer.cancelled()
+        };
+        let file_bytes = amend::put_imagery(&mut work, &layer.sections, &layer.note, &mut go_on)?;
+        Ok(AddReport {
+            bytes: layer.sections.bytes(),
+            levels: layer.sections.levels,
+            header: layer.sections.header,
+            file_bytes,
+            pyramid: layer.pyramid,
+            elapsed: start.elapsed(),
+        })
+    })
+}

@@ -1,0 +1,291 @@
+//! A picture made of blocks: windows of converted pixels, put together from blocks that the cache remembers.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use super::cache::Cache;
+use super::convert::{Plane, Recipe};
+use super::{Picture, PictureInfo, PictureNote, Pixels};
+use crate::error::{Error, Result};
+use crate::geo::Geo;
+use crate::sample::SampleType;
+use crate::source::Fingerprint;
+use crate::texel::Colour;
+
+/// How a raster is cut into blocks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Shape {
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) block_width: u32,
+    pub(super) block_height: u32,
+}
+
+/// The samples of some bands of one block, in the order in which they were asked for.
+pub(super) struct Raw {
+    /// Their bytes, in this machine's byte order.
+    pub(super) bytes: Vec<Vec<u8>>,
+    /// For each band: which of `bytes`, index of its first sample, from one sample to the next.
+    pub(super) planes: Vec<(usize, usize, usize)>,
+}
+
+/// Where raw samples come from.
+pub(super) trait Blocks: Send + Sync {
+    /// Size of the raster and of its blocks.
+    fn shape(&self) -> Shape;
+    /// True if the file has no such block of any of these bands: all of its samples are nodata, or 0.
+    fn is_absent(&self, block: usize, bands: &[usize]) -> bool;
+    /// Samples of these bands (from 0), `block_width` in a row. Rows below the raster may be missing.
+    fn read(&self, block: usize, bands: &[usize]) -> Result<Raw>;
+    /// The files behind it.
+    fn fingerprint(&self) -> Result<Fingerprint>;
+    /// The error with the name of the file.
+    fn locate(&self, error: Error) -> Error;
+}
+
+/// What a picture is made of.
+pub(super) struct Parts {
+    pub(super) blocks: Box<dyn Blocks>,
+    pub(super) recipe: Recipe,
+    pub(super) geo: Geo,
+    pub(super) note: PictureNote,
+    /// A raster of the same size, 0 where the picture is transparent.
+    pub(super) mask: Option<(Box<dyn Blocks>, Recipe)>,
+}
+
+/// Blocks and what becomes of them.
+struct Layer {
+    blocks: Box<dyn Blocks>,
+    recipe: Recipe,
+    bands: Vec<usize>,
+    cache: Arc<Cache>,
+    number: u32,
+}
+
+/// A picture.
+pub(super) struct BlockPicture {
+    info: PictureInfo,
+    layer: Layer,
+    mask: Option<Layer>,
+}
+
+impl Shape {
+    fn across(&self) -> u32 {
+        self.width.div_ceil(self.block_width)
+    }
+
+    fn blocks(&self) -> usize {
+        self.across() as usize * self.height.div_ceil(self.block_height) as usize
+    }
+
+    /// Columns and rows of the raster in a block.
+    pub(super) fn window(&self, block: usize) -> (Range<u32>, Range<u32>) {
+        let (column, row) = (block % self.across() as usize, block / self.across() as usize);
+        let (left, top) = (column as u32 * self.block_width, row as u32 * self.block_height);
+        let right = u64::from(left) + u64::from(self.block_width);
+        let bottom = u64::from(top) + u64::from(self.block_height);
+        (left..right.min(self.width.into()) as u32, top..bottom.min(self.height.into()) as u32)
+    }
+
+    /// The blocks that a window, not empty, lies in.
+    fn touched(&self, columns: &Range<u32>, rows: &Range<u32>) -> impl Iterator<Item = usize> + use<> {
+        let across = self.across();
+        let x = columns.start / self.block_width..(columns.end - 1) / self.block_width + 1;
+        let y = rows.start / self.block_height..(rows.end - 1) / self.block_height + 1;
+        y.flat_map(move |y| x.clone().map(move |x| y as usize * across as usize + x as usize))
+    }
+}
+
+impl Layer {
+    fn new(blocks: Box<dyn Blocks>, recipe: Recipe, cache: &Arc<Cache>) -> Self {
+        let bands = recipe.bands().collect();
+        Self { blocks, recipe, bands, cache: Arc::clone(cache), number: cache.register() }
+    }
+
+    /// A block, `block_width` pixels wide, converted; rows below the raster are not there.
+    fn block(&self, block: usize) -> Result<Arc<Pixels>> {
+        self.cache.get((self.number, block), || {
+            let shape = self.blocks.shape();
+            let count = shape.block_width as usize * shape.window(block).1.len();
+            if self.blocks.is_absent(block, &self.bands) {
+                return Ok(self.absent(count));
+            }
+            self.raw(block, |planes, _| self.recipe.pixels(planes, count))
+        })
+    }
+
+    /// Pixels that no file has.
+    fn absent(&self, count: usize) -> Pixels {
+        if self.recipe.hides() {
+            let colour = vec![0; count * self.recipe.channels()];
+            return Pixels { colour, alpha: Some(vec![0; count]) };
+        }
+        let bytes = vec![0; count * self.recipe.kind.bytes()];
+        let plane = Plane { bytes: &bytes, first: 0, stride: 1 };
+        self.recipe.pixels(&vec![plane; self.bands.len()], count)
+    }
+
+    /// Looks at the samples of a block: planes with as many samples as the second argument says.
+    fn raw<T>(&self, block: usize, look: impl FnOnce(&[Plane<'_>], usize) -> T) -> Result<T> {
+        let raw = self.blocks.read(block, &self.bands).map_err(|error| self.blocks.locate(error))?;
+        let shape = self.blocks.shape();
+        let count = shape.block_width as usize * shape.window(block).1.len();
+        let size = self.recipe.kind.bytes();
+        let planes: Vec<Plane<'_>> = raw
+            .planes
+            .iter()
+            .map(|&(at, first, stride)| {
+                let bytes = &raw.bytes[at];
+                Plane { bytes: &bytes[..bytes.len().min(count * stride * size)], first, stride }
+            })
+            .collect();
+        Ok(look(&planes, count))
+    }
+
+    /// Copies the pixels of a window, block by block.
+    fn window(&self, columns: &Range<u32>, rows: &Range<u32>) -> Result<Pixels> {
+        let (shape, channels) = (self.blocks.shape(), self.recipe.channels());
+        let (width, count) = (columns.len(), columns.len() * rows.len());
+        let mut pixels = Pixels { colour: vec![0; count * channels], alpha: None };
+        if count == 0 {
+            return Ok(pixels);
+        }
+        for number in shape.touched(columns, rows) {
+            let block = self.block(number)?;
+            let (across, down) = shape.window(number);
+            let (x, y) = (across.start.max(columns.start), down.start.max(rows.start));
+            let run = (across.end.min(columns.end) - x) as usize;
+            if block.alpha.is_some() && pixels.alpha.is_none() {
+                pixels.alpha = Some(vec![255; count]);
+            }
+            for row in y..down.end.min(rows.end) {
+                let from =
+                    (row - down.start) as usize * shape.block_width as usize + (x - across.start) as usize;
+                let to = (row - rows.start) as usize * width + (x - columns.start) as usize;
+                pixels.colour[to * channels..][..run * channels]
+                    .copy_from_slice(&block.colour[from * channels..][..run * channels]);
+                if let (Some(alpha), Some(block)) = (&mut pixels.alpha, &block.alpha) {
+                    alpha[to..][..run].copy_from_slice(&block[from..][..run]);
+                }
+            }
+        }
+        Ok(pixels)
+    }
+
+    /// False if all of a window is in blocks that are not there, and those are transparent.
+    fn may_show(&self, columns: &Range<u32>, rows: &Range<u32>) -> bool {
+        let shape = self.blocks.shape();
+        !self.recipe.hides()
+            || shape.touched(columns, rows).any(|block| !self.blocks.is_absent(block, &self.bands))
+    }
+}
+
+impl BlockPicture {
+    pub(super) fn new(parts: Parts, cache: &Arc<Cache>) -> Self {
+        let shape = parts.blocks.shape();
+        let kind = if parts.recipe.channels() == 1 { Colour::Grey } else { Colour::Rgb };
+        Self {
+            info: PictureInfo {
+                width: shape.width,
+                height: shape.height,
+                kind,
+                geo: parts.geo,
+                note: parts.note,
+            },
+            layer: Layer::new(parts.blocks, parts.recipe, cache),
+            mask: parts.mask.map(|(blocks, recipe)| Layer::new(blocks, recipe, cache)),
+        }
+    }
+
+    /// Type and number of the bands that may be stretched; `None` of bits and of indices.
+    pub(super) fn stretchable(&self) -> Option<(SampleType, usize)> {
+        let recipe = &self.layer.recipe;
+        (recipe.palette.is_none() && !recipe.is_bit).then_some((recipe.kind, recipe.colours.len()))
+    }
+
+    /// How many blocks there are.
+    pub(super) fn blocks(&self) -> usize {
+        self.layer.blocks.shape().blocks()
+    }
+
+    /// Values of each colour band at opaque pixels of a block, about `most` of them.
+    pub(super) fn values(&self, block: usize, most: usize) -> Result<Vec<Vec<f64>>> {
+        let (layer, shape) = (&self.layer, self.layer.blocks.shape());
+        let recipe = &layer.recipe;
+        let mut values = vec![Vec::new(); recipe.colours.len()];
+        if layer.blocks.is_absent(block, &layer.bands) {
+            return Ok(values);
+        }
+        let (columns, rows) = shape.window(block);
+        let mask = self.mask.as_ref().map(|mask| mask.window(&columns, &rows)).transpose()?;
+        layer.raw(block, |planes, count| {
+            let step = (columns.len() * rows.len()).div_ceil(most.max(1));
+            let mut hidden = recipe.hidden(planes, count).unwrap_or_else(|| vec![false; count]);
+            if recipe.alpha.is_some() {
+                planes[recipe.colours.len()]
+                    .each(recipe.kind, |index, value| hidden[index] |= recipe.opacity(value) == 0);
+            }
+            let width = shape.block_width as usize;
+            let shown = |index: usize| {
+                let (x, y) = (index % width, index / width);
+                let inside = x < columns.len() && !hidden[index];
+                inside && mask.as_ref().is_none_or(|mask| mask.colour[y * columns.len() + x] > 0)
+            };
+            for (values, plane) in values.iter_mut().zip(planes) {
+                plane.each(recipe.kind, |index, value| {
+                    // Rows are shifted against each other, so that no column is left out.
+                    if (index + index / width * 7).is_multiple_of(step) && value.is_finite() && shown(index) {
+                        values.push(value);
+                    }
+                });
+            }
+        })?;
+        Ok(values)
+    }
+
+    /// Takes the values that become 0 and 255.
+    pub(super) fn set_stretch(&mut self, ranges: &[(f64, f64)]) {
+        self.layer.recipe.ramps = ranges.to_vec();
+        self.info.note.stretch = ranges.to_vec();
+    }
+}
+
+impl Picture for BlockPicture {
+    fn info(&self) -> &PictureInfo {
+        &self.info
+    }
+
+    fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Pixels> {
+        let (width, height) = (self.info.width, self.info.height);
+        if columns.start > columns.end || columns.end > width || rows.start > rows.end || rows.end > height {
+            let what =
+                format!("columns {columns:?}, rows {rows:?}: the picture has {width} x {height} pixels");
+            return Err(Error::usage(what));
+        }
+        let mut pixels = self.layer.window(&columns, &rows)?;
+        if let Some(mask) = &self.mask {
+            let mask = mask.window(&columns, &rows)?.colour;
+            if mask.iter().any(|&a| a < 255) {
+                let alpha = pixels.alpha.get_or_insert_with(|| vec![255; mask.len()]);
+                alpha.iter_mut().zip(mask).for_each(|(alpha, mask)| *alpha = (*alpha).min(mask));
+            }
+        }
+        Ok(pixels)
+    }
+
+    fn may_show(&self, columns: Range<u32>, rows: Range<u32>) -> bool {
+        if columns.is_empty() || rows.is_empty() {
+            return false;
+        }
+        self.layer.may_show(&columns, &rows)
+    }
+
+    fn fingerprint(&self) -> Result<Fingerprint> {
+        let mut all = self.layer.blocks.fingerprint()?;
+        if let Some(mask) = &self.mask {
+            let beside = mask.blocks.fingerprint()?.files;
+            all.files.extend(beside.into_iter().filter(|file| !all.files.contains(file)).collect::<Vec<_>>());
+        }
+        Ok(all)
+    }
+}

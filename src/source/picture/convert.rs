@@ -1,0 +1,231 @@
+//! Raw samples of a block to 8-bit colours and alpha.
+
+use super::Pixels;
+use crate::sample::SampleType;
+
+/// What becomes of the bands of a picture.
+#[derive(Clone, Debug)]
+pub(super) struct Recipe {
+    /// Type of all samples; bits are bytes 0 and 1.
+    pub(super) kind: SampleType,
+    /// Bits that fill a sample: 1 or all.
+    pub(super) is_bit: bool,
+    /// Bands that become grey, or red, green and blue, from 0.
+    pub(super) colours: Vec<usize>,
+    /// The band that is alpha, from 0, or a mask.
+    pub(super) alpha: Option<usize>,
+    /// True if colours were multiplied by it.
+    pub(super) premultiplied: bool,
+    /// Colours that the one band chooses from.
+    pub(super) palette: Option<Vec<[u8; 3]>>,
+    /// True if 0 is white.
+    pub(super) inverted: bool,
+    /// The value of pixels that are not there.
+    pub(super) nodata: Option<f64>,
+    /// Values that become 0 and 255; empty for bytes as they are.
+    pub(super) ramps: Vec<(f64, f64)>,
+}
+
+/// The samples of one band of a block.
+#[derive(Clone, Copy)]
+pub(super) struct Plane<'a> {
+    /// Samples in this machine's byte order.
+    pub(super) bytes: &'a [u8],
+    /// Index of the first of this band.
+    pub(super) first: usize,
+    /// From one to the next.
+    pub(super) stride: usize,
+}
+
+/// Calls `$visit` with the index and the value of each sample of a plane.
+macro_rules! visit {
+    ($type:ty, $plane:expr, $visit:expr) => {{
+        const SIZE: usize = size_of::<$type>();
+        let samples = $plane.bytes.as_chunks::<SIZE>().0.iter();
+        for (index, &sample) in samples.skip($plane.first).step_by($plane.stride).enumerate() {
+            $visit(index, f64::from(<$type>::from_ne_bytes(sample)));
+        }
+    }};
+}
+
+impl Plane<'_> {
+    /// Its samples one after the other.
+    #[inline]
+    pub(super) fn each(self, kind: SampleType, mut visit: impl FnMut(usize, f64)) {
+        match kind {
+            SampleType::Int8 => visit!(i8, self, visit),
+            SampleType::Uint8 => visit!(u8, self, visit),
+            SampleType::Int16 => visit!(i16, self, visit),
+            SampleType::Uint16 => visit!(u16, self, visit),
+            SampleType::Int32 => visit!(i32, self, visit),
+            SampleType::Uint32 => visit!(u32, self, visit),
+            SampleType::Float32 => visit!(f32, self, visit),
+            SampleType::Float64 => visit!(f64, self, visit),
+        }
+    }
+}
+
+impl Recipe {
+    /// Bytes of a pixel's colour.
+    pub(super) fn channels(&self) -> usize {
+        if self.palette.is_some() { 3 } else { self.colours.len() }
+    }
+
+    /// The bands that are needed, alpha last.
+    pub(super) fn bands(&self) -> impl Iterator<Item = usize> + '_ {
+        self.colours.iter().copied().chain(self.alpha)
+    }
+
+    /// True if a pixel can be transparent.
+    pub(super) fn hides(&self) -> bool {
+        self.alpha.is_some() || self.nodata.is_some() || self.kind.is_float()
+    }
+
+    /// Colours of `count` pixels from the planes of [`Recipe::bands`].
+    pub(super) fn pixels(&self, planes: &[Plane<'_>], count: usize) -> Pixels {
+        let channels = self.channels();
+        let mut colour = vec![0; count * channels];
+        match &self.palette {
+            Some(palette) => planes[0].each(self.kind, |index, value| {
+                let entry = palette.get(value as usize).copied().unwrap_or_default();
+                colour[3 * index..][..3].copy_from_slice(&entry);
+            }),
+            None if self.is_as_it_is(planes) => colour.copy_from_slice(&planes[0].bytes[..count * channels]),
+            None => {
+                for (channel, plane) in planes.iter().take(channels).enumerate() {
+                    self.channel(*plane, channel, &mut colour);
+                }
+            }
+        }
+        let mut alpha = self
+            .hidden(planes, count)
+            .map(|hidden| hidden.into_iter().map(|hidden| if hidden { 0 } else { 255 }).collect::<Vec<u8>>());
+        if self.alpha.is_some() {
+            let alpha = alpha.get_or_insert_with(|| vec![255; count]);
+            planes[self.colours.len()].each(self.kind, |index, value| {
+                alpha[index] = alpha[index].min(self.opacity(value));
+            });
+        }
+        let alpha = alpha.filter(|alpha| alpha.iter().any(|&a| a < 255));
+        if let Some(alpha) = alpha.as_ref().filter(|_| self.premultiplied) {
+            divide(&mut colour, alpha, channels);
+        }
+        Pixels { colour, alpha }
+    }
+
+    /// True if the samples are the colours, in their order.
+    fn is_as_it_is(&self, planes: &[Plane<'_>]) -> bool {
+        let channels = self.channels();
+        let in_order = |(at, plane): (usize, &Plane<'_>)| (plane.first, plane.stride) == (at, channels);
+        self.kind == SampleType::Uint8
+            && self.ramps.is_empty()
+            && !self.is_bit
+            && !self.inverted
+            && planes.len() == channels
+            && planes.iter().enumerate().all(in_order)
+            && planes.iter().all(|plane| std::ptr::eq(plane.bytes, planes[0].bytes))
+    }
+
+    /// One band into its place among the others.
+    fn channel(&self, plane: Plane<'_>, channel: usize, out: &mut [u8]) {
+        let channels = self.channels();
+        let to = out.iter_mut().skip(channel).step_by(channels);
+        if let Some(&(low, high)) = self.ramps.get(channel) {
+            let scale = 255.0 / (high - low);
+            let mut to = to;
+            // The cast keeps to 0..=255, and makes 0 of what is no number.
+            plane.each(self.kind, |_, value| {
+                if let Some(to) = to.next() {
+                    *to = ((value - low) * scale + 0.5) as u8;
+                }
+            });
+        } else {
+            let from = plane.bytes.iter().skip(plane.first).step_by(plane.stride);
+            let factor = if self.is_bit { 255 } else { 1 };
+            to.zip(from).for_each(|(to, from)| *to = *from * factor);
+        }
+        if self.inverted {
+            out.iter_mut().skip(channel).step_by(channels).for_each(|value| *value = 255 - *value);
+        }
+    }
+
+    /// Pixels of which all colours have the nodata value; `None` if there cannot be any.
+    pub(super) fn hidden(&self, planes: &[Plane<'_>], count: usize) -> Option<Vec<bool>> {
+        if self.nodata.is_none() && !self.kind.is_float() {
+            return None;
+        }
+        let nodata = self.nodata.unwrap_or(f64::NAN);
+        let mut hidden = vec![true; count];
+        for plane in planes.iter().take(self.colours.len()) {
+            plane.each(self.kind, |index, value| hidden[index] &= value == nodata || value.is_nan());
+        }
+        Some(hidden)
+    }
+
+    /// A sample of the alpha band as 8 bits.
+    pub(super) fn opacity(&self, value: f64) -> u8 {
+        match self.kind {
+            SampleType::Uint8 if !self.is_bit => value as u8,
+            SampleType::Uint16 => (value / 257.0 + 0.5) as u8,
+            _ if value > 0.0 => 255,
+            _ => 0,
+        }
+    }
+}
+
+/// Takes the alpha out of colours that were multiplied by it.
+fn divide(colour: &mut [u8], alpha: &[u8], channels: usize) {
+    for (pixel, &alpha) in colour.chunks_exact_mut(channels).zip(alpha) {
+        let alpha = u32::from(alpha);
+        if (1..255).contains(&alpha) {
+            for value in pixel {
+                *value = ((u32::from(*value) * 255 + alpha / 2) / alpha).min(255) as u8;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn recipe(kind: SampleType, colours: &[usize]) -> Recipe {
+        Recipe {
+            kind,
+            is_bit: false,
+            colours: colours.to_vec(),
+            alpha: None,
+            premultiplied: false,
+            palette: None,
+            inverted: false,
+            nodata: None,
+            ramps: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_pixel_is_hidden_where_all_colours_are_nodata() {
+        let samples = [0_u8, 0, 0, 7, 0, 0, 1, 2, 3];
+        let planes = [0, 1, 2].map(|first| Plane { bytes: &samples, first, stride: 3 });
+        let recipe = Recipe { nodata: Some(0.0), ..recipe(SampleType::Uint8, &[0, 1, 2]) };
+        let pixels = recipe.pixels(&planes, 3);
+        assert_eq!((&pixels.colour[..], pixels.alpha), (&samples[..], Some(vec![0, 255, 255])));
+    }
+
+    #[test]
+    fn a_ramp_is_rounded_and_clamped() {
+        let samples: Vec<u8> = [99_u16, 100, 150, 200, 900].iter().flat_map(|v| v.to_ne_bytes()).collect();
+        let plane = Plane { bytes: &samples, first: 0, stride: 1 };
+        let recipe = Recipe { ramps: vec![(100.0, 200.0)], ..recipe(SampleType::Uint16, &[0]) };
+        assert_eq!(recipe.pixels(&[plane], 5).colour, [0, 0, 128, 255, 255]);
+    }
+
+    #[test]
+    fn premultiplied_colours_are_divided() {
+        let samples = [50_u8, 100, 0, 0, 80, 255];
+        let planes = [0, 1].map(|first| Plane { bytes: &samples, first, stride: 2 });
+        let recipe = Recipe { alpha: Some(1), premultiplied: true, ..recipe(SampleType::Uint8, &[0]) };
+        let pixels = recipe.pixels(&planes, 3);
+        assert_eq!((pixels.colour, pixels.alpha), (vec![128, 0, 80], Some(vec![100, 0, 255])));
+    }
+}

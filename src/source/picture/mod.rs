@@ -1,0 +1,162 @@
+//! Pictures to read from: windows of 8-bit colours with alpha, whatever the file holds.
+//!
+//! A picture gives what is to be seen: bands are chosen, palettes looked up, wide samples stretched to 8 bits, colours that were
+//! multiplied by alpha divided again. Its pixels are areas: pixel (c, r) covers columns c to c + 1 and rows r to r + 1 of its
+//! geotransform. A pixel is transparent if its alpha or mask says so, or if all chosen bands have the nodata value (one that only some
+//! of them have is a colour), as `gdalwarp` takes it.
+
+mod blocks;
+mod cache;
+mod convert;
+mod crs;
+#[cfg(feature = "gdal")]
+mod gdal;
+mod stretch;
+mod tiff;
+mod world;
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use self::blocks::{BlockPicture, Parts};
+use self::cache::Cache;
+pub use self::stretch::Stretch;
+use crate::error::{Error, Result};
+use crate::geo::{Crs, Geo};
+use crate::limits::Limits;
+use crate::source::Fingerprint;
+use crate::texel::Colour;
+
+/// Memory for decoded blocks of all pictures together: those of a row of tiles over the widest strips that one meets.
+const CACHE_BYTES: usize = 512 << 20;
+
+/// Pixels of a window, row by row.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Pixels {
+    /// Bytes of each pixel that follow each other: 1 for grey, 3 for red, green and blue; sRGB.
+    pub colour: Vec<u8>,
+    /// One byte a pixel, 0 transparent to 255 opaque; colours are not multiplied by it. `None` if all are opaque.
+    pub alpha: Option<Vec<u8>>,
+}
+
+/// What is known of a picture when it is opened.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PictureInfo {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// What its colours are.
+    pub kind: Colour,
+    /// Where it lies.
+    pub geo: Geo,
+    /// What people should know of it.
+    pub note: PictureNote,
+}
+
+/// A picture as recorded in the container.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PictureNote {
+    /// Name of the file, without its folder.
+    pub name: String,
+    /// One line for people: `GeoTIFF, tiles 256 x 256, JPEG, 3 bands`.
+    pub description: String,
+    /// Bands that became grey, or red, green and blue, from 1.
+    pub bands: Vec<u32>,
+    /// For each of them the values that became 0 and 255; empty for 8-bit samples taken as they are.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stretch: Vec<(f64, f64)>,
+}
+
+/// A picture that windows can be read from, by several threads at once.
+pub trait Picture: Send + Sync {
+    /// What it is.
+    fn info(&self) -> &PictureInfo;
+
+    /// The pixels of a window that lies inside. Neither waits for nor uses other threads of a pool.
+    fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Pixels>;
+
+    /// False if a window is known to be wholly transparent without reading it.
+    fn may_show(&self, _columns: Range<u32>, _rows: Range<u32>) -> bool {
+        true
+    }
+
+    /// The files it is made of.
+    fn fingerprint(&self) -> Result<Fingerprint>;
+}
+
+/// How pictures are read.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PictureOptions {
+    /// Bands from 1: one (grey) or three (red, green, blue), and one more as alpha; `None`: as the file says, or the first three.
+    pub bands: Option<Vec<u32>>,
+    /// How samples become 8 bits; `None`: 8-bit samples as they are, others by [`Stretch::Percent`] 2 and 98.
+    pub stretch: Option<Stretch>,
+}
+
+/// Opens pictures that lie in the coordinate system `crs`.
+///
+/// A TIFF is read natively, anything else by GDAL if that is built in, which also brings pictures of other coordinate systems into this
+/// one. Values are stretched by the same rule in all pictures of one sample type, so that they stay one mosaic.
+pub fn open_all(
+    paths: &[PathBuf],
+    options: &PictureOptions,
+    crs: &Crs,
+    limits: &Limits,
+) -> Result<Vec<Box<dyn Picture>>> {
+    if options.bands.as_ref().is_some_and(|bands| !(1..=4).contains(&bands.len()) || bands.contains(&0)) {
+        return Err(Error::usage(
+            "bands of a picture are one (grey) or three (red, green, blue), and one more for alpha, counted from 1",
+        ));
+    }
+    let cache = Arc::new(Cache::new(CACHE_BYTES));
+    let mut opened = Vec::new();
+    for path in paths {
+        opened.push(open(path, options, crs, limits, &cache).map_err(|error| error.at(path))?);
+    }
+    stretch::settle(&mut opened, options.stretch)?;
+    Ok(opened.into_iter().map(|picture| Box::new(picture) as Box<dyn Picture>).collect())
+}
+
+/// Opens one picture, not yet stretched.
+fn open(
+    path: &Path,
+    options: &PictureOptions,
+    crs: &Crs,
+    limits: &Limits,
+    cache: &Arc<Cache>,
+) -> Result<BlockPicture> {
+    let native = tiff::open(path, options, limits).and_then(|parts| place(path, parts, crs));
+    let parts = match native {
+        #[cfg(feature = "gdal")]
+        Err(Error::Unsupported { .. }) => gdal::open(path, options, crs, limits)?,
+        other => other?,
+    };
+    Ok(BlockPicture::new(parts, cache))
+}
+
+/// Refuses a picture that lies nowhere, or elsewhere.
+fn place(path: &Path, mut parts: Parts, crs: &Crs) -> Result<Parts> {
+    let geo = &mut parts.geo;
+    if geo.transform.is_none() {
+        geo.transform = world::read(path)?;
+        if geo.transform.is_none() {
+            return Err(Error::usage(format!(
+                "{}: it does not say where it lies: put a world file beside it, or give it its place with gdal_translate -a_ullr WEST NORTH EAST SOUTH",
+                path.display()
+            )));
+        }
+        if crs::is_unknown(&geo.crs) {
+            geo.crs = crs.clone();
+        }
+    }
+    if crs::same(&geo.crs, crs) {
+        return Ok(parts);
+    }
+    let what = format!("a picture in {} over heights in {}", crs::name(&geo.crs), crs::name(crs));
+    let hint = "build with --features gdal, or bring it there with gdalwarp -t_srs (or, if it is the same, name it with gdal_edit.py -a_srs)";
+    Err(Error::unsupported(what, hint))
+}

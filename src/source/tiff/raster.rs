@@ -1,0 +1,142 @@
+//! A TIFF with all of its bands, block by block, as pictures are read: samples as they are, and what they mean.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use tiff::tags::Tag;
+
+use super::blocks::Band;
+use super::directory::Reader;
+use super::file::TiffFile;
+use super::layout::{Compression, Layout, Purpose, Stored};
+use super::{external_mask, georeference, internal_mask};
+use crate::error::{Error, Result};
+use crate::geo::Geo;
+use crate::limits::Limits;
+use crate::sample::SampleType;
+use crate::source::{FileStamp, metadata};
+
+/// One image, or its mask.
+pub(in crate::source) struct Raster {
+    band: Band,
+}
+
+/// What the samples of an image mean.
+pub(in crate::source) struct Meaning {
+    /// Tag 262.
+    pub(in crate::source) photometric: u64,
+    /// Tag 338: what each band after the colours is; 1 and 2 are alpha, with and without colours multiplied by it.
+    pub(in crate::source) extra: Vec<u64>,
+    /// Tag 320: red, then green, then blue, of each index.
+    pub(in crate::source) palette: Option<Vec<u64>>,
+    /// GDAL's value for pixels that are not there.
+    pub(in crate::source) nodata: Option<f64>,
+    /// Where it lies.
+    pub(in crate::source) geo: Geo,
+    /// `GeoTIFF, tiles 256 x 256, JPEG, 3 bands`.
+    pub(in crate::source) description: String,
+}
+
+impl Raster {
+    /// Opens a file: its first image, what it means, and its mask if there is one.
+    pub(in crate::source) fn open(path: &Path, limits: &Limits) -> Result<(Self, Meaning, Option<Self>)> {
+        let file = Arc::new(TiffFile::open(path)?);
+        let mut reader = Reader::new(file.cursor(), file.length(), limits)?;
+        let directories = reader.directories()?;
+        let image = directories.first().ok_or_else(|| Error::format("TIFF header", "an image", "none"))?;
+        let layout = Layout::read(&mut reader, image, limits, Purpose::Picture)?;
+        let kind = match layout.stored {
+            Stored::Bit => SampleType::Uint8,
+            Stored::Number(kind) => kind,
+        };
+        if layout.stored == Stored::Bit && layout.band_count > 1 {
+            return Err(Error::unsupported(
+                "several bands of 1 bit",
+                "convert it with gdal_translate -ot Byte",
+            ));
+        }
+        let name = if reader.big { "GeoTIFF (big)" } else { "GeoTIFF" };
+        let meaning = Meaning {
+            photometric: reader.integer(image, Tag::PhotometricInterpretation)?.unwrap_or(1),
+            extra: reader.integers(image, Tag::ExtraSamples)?.unwrap_or_default(),
+            palette: reader.integers(image, Tag::ColorMap)?,
+            nodata: reader.text(image, Tag::GdalNodata)?.and_then(|text| metadata::nodata(&text, kind)),
+            geo: georeference::read(&mut reader, image)?.geo,
+            description: format!("{name}, {}", layout.describe()),
+        };
+        let mask = match internal_mask(&mut reader, &directories, &layout, limits)? {
+            Some(mask) => Some(Band::new(Arc::clone(&file), mask)),
+            None => external_mask(path, &layout, limits)?,
+        };
+        drop(reader);
+        Ok((Self { band: Band::new(file, layout) }, meaning, mask.map(|band| Self { band })))
+    }
+
+    /// Columns and rows.
+    pub(in crate::source) fn size(&self) -> (u32, u32) {
+        (self.band.layout.width, self.band.layout.height)
+    }
+
+    /// Columns and rows of a block.
+    pub(in crate::source) fn block_size(&self) -> (u32, u32) {
+        (self.band.layout.block_width, self.band.layout.block_height)
+    }
+
+    /// Sets of blocks: one, or one for each band.
+    pub(in crate::source) fn planes(&self) -> u32 {
+        self.band.layout.planes()
+    }
+
+    /// Bands of the file.
+    pub(in crate::source) fn band_count(&self) -> u32 {
+        self.band.layout.band_count
+    }
+
+    /// Bands of which samples stand beside each other in a block.
+    pub(in crate::source) fn block_bands(&self) -> usize {
+        // A mask keeps its first band only.
+        if self.band.layout.all_bands { self.band.layout.bands as usize } else { 1 }
+    }
+
+    /// True if blocks are JPEG pictures.
+    pub(in crate::source) fn is_jpeg(&self) -> bool {
+        self.band.layout.compression == Compression::Jpeg
+    }
+
+    /// Type of the samples; `None` for bits, which are decoded to bytes 0 and 1.
+    pub(in crate::source) fn stored(&self) -> Option<SampleType> {
+        match self.band.layout.stored {
+            Stored::Bit => None,
+            Stored::Number(kind) => Some(kind),
+        }
+    }
+
+    /// True if a sparse file has no such block.
+    pub(in crate::source) fn is_absent(&self, block: usize, plane: u32) -> bool {
+        self.band.layout.counts[self.index(block, plane)] == 0
+    }
+
+    fn index(&self, block: usize, plane: u32) -> usize {
+        let layout = &self.band.layout;
+        plane as usize * layout.across as usize * layout.down as usize + block
+    }
+
+    /// The samples of a block, which is there, in this machine's byte order, row by row, bands beside each other unless they lie apart.
+    /// Rows below the raster may be missing.
+    pub(in crate::source) fn decode(&self, block: usize, plane: u32) -> Result<Vec<u8>> {
+        self.band.with_buffers(|buffers| {
+            self.band.decode(self.index(block, plane), buffers)?;
+            Ok(std::mem::take(&mut buffers.bytes))
+        })
+    }
+
+    /// Where the file is.
+    pub(in crate::source) fn path(&self) -> &Path {
+        self.band.file.path()
+    }
+
+    /// Its stamp.
+    pub(in crate::source) fn stamp(&self) -> Result<FileStamp> {
+        FileStamp::of(self.path())
+    }
+}
