@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use relevo::Error;
-use relevo::pipeline::imagery::{self, AddReport, LayerOptions};
+use relevo::pipeline::imagery::{self, AddReport, LayerOptions, LayerReport};
 use serde_json::json;
 
 use crate::cli::Outcome;
@@ -63,32 +63,48 @@ pub fn layer_options(imagery: &Imagery) -> Result<LayerOptions, Error> {
 }
 
 fn print(args: &Args, report: &AddReport, out: &mut dyn Write) -> std::io::Result<()> {
-    let size = bytes(report.bytes);
-    writeln!(out, "{}: {size} of imagery, {} in all", args.file.display(), bytes(report.file_bytes))?;
-    for picture in &report.pyramid.pictures {
+    print_layer(&report.layer, out)?;
+    let (size, time) = (bytes(report.file_bytes), seconds(report.elapsed.as_secs_f64()));
+    writeln!(out, "{}: {size} in all, made in {time}", args.file.display())
+}
+
+/// Says what a layer has become.
+pub fn print_layer(layer: &LayerReport, out: &mut dyn Write) -> std::io::Result<()> {
+    let header = &layer.header;
+    let tiles = grouped(header.tiles);
+    writeln!(
+        out,
+        "imagery: {}, {tiles} tiles of {} texels, {}",
+        bytes(layer.bytes),
+        header.tile,
+        header.codec
+    )?;
+    for picture in &layer.pyramid.pictures {
         let (note, level) = (&picture.note, picture.level);
         writeln!(out, "  {}: level {level}; {}", note.name, note.description)?;
     }
     let mut table = Table::new(&["level", "tiles", "bytes"]);
-    for (level, &(tiles, size)) in report.levels.iter().enumerate() {
+    for (level, &(tiles, size)) in layer.levels.iter().enumerate() {
         table.row(vec![level.to_string(), grouped(tiles), bytes(size)]);
     }
-    table.print(out)?;
-    let codec = report.header.codec;
-    writeln!(
-        out,
-        "{} tiles, {codec}, in {}",
-        grouped(report.header.tiles),
-        seconds(report.elapsed.as_secs_f64())
-    )
+    table.print(out)
 }
 
 fn json(args: &Args, report: &AddReport) -> serde_json::Value {
+    let mut json = layer_json(&report.layer);
+    json["file"] = json!(args.file);
+    json["bytes"] = json!(report.file_bytes);
+    json["seconds"] = json!(report.elapsed.as_secs_f64());
+    json
+}
+
+/// The same for machines.
+pub fn layer_json(layer: &LayerReport) -> serde_json::Value {
     let levels: Vec<_> =
-        report.levels.iter().map(|(tiles, bytes)| json!({"tiles": tiles, "bytes": bytes})).collect();
+        layer.levels.iter().map(|(tiles, bytes)| json!({"tiles": tiles, "bytes": bytes})).collect();
+    let header = &layer.header;
     json!({
-        "file": args.file, "bytes": report.file_bytes, "imagery_bytes": report.bytes, "codec": report.header.codec.as_str(),
-        "tile": report.header.tile, "tiles": report.header.tiles, "alpha": report.header.alpha, "levels": levels,
-        "pictures": report.pyramid.pictures.len(), "seconds": report.elapsed.as_secs_f64(),
+        "imagery_bytes": layer.bytes, "codec": header.codec.as_str(), "tile": header.tile, "tiles": header.tiles,
+        "alpha": header.alpha, "levels": levels, "pictures": layer.pyramid.pictures.len(),
     })
 }

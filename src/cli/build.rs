@@ -12,7 +12,9 @@ use relevo::pipeline::{self, BuildOptions, Plan, Report};
 use relevo::source::{self, SourceInfo};
 use serde_json::json;
 
+use crate::cli::add::{layer_json, layer_options, print_layer};
 use crate::cli::dem::{Dem, SourceArgs};
+use crate::cli::imagery::Imagery;
 use crate::cli::progress::{Mode, Show};
 use crate::cli::table::{bytes, grouped, seconds, short};
 use crate::cli::{Failure, Outcome, each, inputs, verify};
@@ -43,6 +45,8 @@ pub struct Args {
     precision: Option<f64>,
     #[command(flatten)]
     pub(super) source: SourceArgs,
+    #[command(flatten)]
+    pub(super) imagery: Imagery,
     /// Threads [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
@@ -90,6 +94,10 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         memory: args.memory,
         checkpoint: Some(Duration::from_secs_f64(args.checkpoint)),
     };
+    if (args.each.is_some() || args.window.is_some()) && !args.imagery.files.is_empty() {
+        let what = "--imagery goes with one whole file: put it into others by `relevo add`";
+        return Err(Error::usage(what).into());
+    }
     if let Some(folder) = &args.each {
         return each::run(args, &dem.dems, folder, &options, out);
     }
@@ -107,7 +115,10 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         writeln!(out, "{}: tiles {window}, to be joined by `relevo merge`", output.display())?;
         return Ok(ExitCode::SUCCESS);
     }
-    let report = pipeline::build(&*source, &output, &options, &show);
+    let pictures = args.imagery.open(&source.info().geo.crs)?;
+    let layer = pipeline::imagery::Imagery { pictures: &pictures, options: layer_options(&args.imagery)? };
+    let layer = Some(&layer).filter(|layer| !layer.pictures.is_empty());
+    let report = pipeline::build_with(&*source, layer, &output, &options, &show);
     show.finish();
     let report = report.map_err(|error| failure(error, dem.first(), &output))?;
     if args.json {
@@ -116,6 +127,9 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     } else {
         writeln!(out, "{}", source_line(&dem, source.info()))?;
         print(&report, &output, out)?;
+        if let Some(layer) = &report.imagery {
+            print_layer(layer, out)?;
+        }
     }
     if args.verify {
         writeln!(out)?;
@@ -285,5 +299,6 @@ pub fn json(report: &Report, output: &Path) -> serde_json::Value {
         "output": output, "bytes": report.file.file_bytes, "columns": header.width, "rows": header.height,
         "sample_type": header.source_type.gdal_name(), "metric": header.metric.as_str(), "tiles": header.tile_count,
         "seconds": report.elapsed.as_secs_f64(), "statistics": report.statistics,
+        "imagery": report.imagery.as_ref().map(layer_json),
     })
 }

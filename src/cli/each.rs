@@ -216,7 +216,7 @@ impl Observer for Share<'_> {
         let (from, to) = match stage {
             Stage::Scan => (0.0, 0.0),
             Stage::Build => (0.0, 0.9),
-            Stage::Merge | Stage::Write => (0.9, 1.0),
+            Stage::Merge | Stage::Imagery | Stage::Write => (0.9, 1.0),
         };
         let share = from + (to - from) * done as f64 / total.max(1) as f64;
         self.batch.done[self.index].store((share * self.weight as f64) as u64, Ordering::Relaxed);

@@ -45,7 +45,7 @@ impl Show {
     pub fn new(mode: Mode) -> Self {
         let bar = (mode == Mode::Auto && std::io::stderr().is_terminal()).then(|| {
             let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
-            let style = "{msg:5} [{bar:40}] {percent:>3} %  {elapsed} elapsed, {eta} left";
+            let style = "{msg:7} [{bar:40}] {percent:>3} %  {elapsed} elapsed, {eta} left";
             bar.set_style(
                 ProgressStyle::with_template(style).unwrap_or_else(|_| ProgressStyle::default_bar()),
             );
@@ -107,6 +107,7 @@ fn name(stage: Stage) -> &'static str {
         Stage::Scan => "scan",
         Stage::Build => "build",
         Stage::Merge => "merge",
+        Stage::Imagery => "imagery",
         Stage::Write => "write",
     }
 }

@@ -87,6 +87,31 @@ pub struct PyramidReport {
     pub pictures: Vec<PlacedPicture>,
 }
 
+/// Where pictures lie, without reading them: what [`build`] would refuse at once is refused here.
+pub fn place(
+    pictures: &[Box<dyn Picture>],
+    geo: &Geo,
+    grid: &TexelGrid,
+    resolution: Resolution,
+) -> Result<Vec<PlacedPicture>> {
+    Ok(placed(pictures, geo, grid, resolution)?.iter().map(Placed::describe).collect())
+}
+
+fn placed<'a>(
+    pictures: &'a [Box<dyn Picture>],
+    geo: &Geo,
+    grid: &TexelGrid,
+    resolution: Resolution,
+) -> Result<Vec<Placed<'a>>> {
+    if !(64..=4096).contains(&grid.tile) || !grid.tile.is_multiple_of(4) {
+        return Err(Error::usage(format!(
+            "an imagery tile of {} texels: it takes a multiple of 4 from 64 to 4096",
+            grid.tile
+        )));
+    }
+    pictures.iter().map(|picture| Placed::new(&**picture, geo, grid, resolution)).collect()
+}
+
 /// Makes the tiles of pictures, of which the last lies on top, over a lattice that lies at `geo`.
 ///
 /// Runs on the current thread pool. What the sink gets does not depend on the number of threads, only the order does. Fails with
@@ -99,16 +124,7 @@ pub fn build(
     sink: &dyn TileSink,
     observer: &Observer<'_>,
 ) -> Result<PyramidReport> {
-    if !(64..=4096).contains(&grid.tile) || !grid.tile.is_multiple_of(4) {
-        return Err(Error::usage(format!(
-            "an imagery tile of {} texels: it takes a multiple of 4 from 64 to 4096",
-            grid.tile
-        )));
-    }
-    let placed: Vec<Placed<'_>> = pictures
-        .iter()
-        .map(|picture| Placed::new(&**picture, geo, grid, resolution))
-        .collect::<Result<_>>()?;
+    let placed = placed(pictures, geo, grid, resolution)?;
     let is_rgb = pictures.iter().any(|picture| picture.info().kind == Colour::Rgb);
     let kind = if is_rgb { Colour::Rgb } else { Colour::Grey };
     let counts = Sweep { placed: &placed, kind, tile: grid.tile as usize, sink, observer }.run()?;

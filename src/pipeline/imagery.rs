@@ -53,19 +53,55 @@ pub struct Layer {
     pub pyramid: PyramidReport,
 }
 
-/// What [`add`] has done.
+/// Pictures to be laid over the heights, the last on top.
+#[derive(Clone, Copy)]
+pub struct Imagery<'a> {
+    /// The pictures, in the coordinate system of the heights.
+    pub pictures: &'a [Box<dyn Picture>],
+    /// How the layer is stored.
+    pub options: LayerOptions,
+}
+
+impl Imagery<'_> {
+    /// Finds out whether the pictures can be laid over heights that lie at `geo`, whose root square has so many intervals.
+    pub fn check(&self, geo: &Geo, intervals: u64) -> Result<()> {
+        let grid = TexelGrid { tile: self.options.tile, intervals };
+        imagery::place(self.pictures, geo, &grid, self.options.resolution).map(|_| ())
+    }
+}
+
+/// What a layer has become.
 #[derive(Clone, Debug, PartialEq)]
-pub struct AddReport {
+pub struct LayerReport {
     /// What the layer says about itself.
     pub header: ImageryHeader,
     /// Tiles and bytes of each level, the root first.
     pub levels: Vec<(u64, u64)>,
     /// Bytes of the layer.
     pub bytes: u64,
-    /// Bytes of the file.
-    pub file_bytes: u64,
     /// What the pyramid is.
     pub pyramid: PyramidReport,
+}
+
+impl Layer {
+    /// What it has become.
+    pub fn report(&self) -> LayerReport {
+        LayerReport {
+            header: self.sections.header.clone(),
+            levels: self.sections.levels.clone(),
+            bytes: self.sections.bytes(),
+            pyramid: self.pyramid.clone(),
+        }
+    }
+}
+
+/// What [`add`] has done.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AddReport {
+    /// The layer.
+    pub layer: LayerReport,
+    /// Bytes of the file.
+    pub file_bytes: u64,
     /// Wall time.
     pub elapsed: Duration,
 }
@@ -83,9 +119,8 @@ impl TileSink for Sink<'_> {
 /// Makes a layer over heights that lie at `geo`, whose root square has so many intervals. Its files go to `folder`, which must be there. Runs on
 /// the current thread pool.
 pub fn layer(
-    pictures: &[Box<dyn Picture>],
+    Imagery { pictures, options }: &Imagery<'_>,
     (geo, intervals): (&Geo, u64),
-    options: &LayerOptions,
     folder: &Path,
     observer: &dyn Observer,
 ) -> Result<Layer> {
@@ -109,7 +144,7 @@ pub fn layer(
         }
     };
     let pyramid =
-        imagery::build(pictures, geo, &grid, options.resolution, &Sink(&writer), &watch(Stage::Build))?;
+        imagery::build(pictures, geo, &grid, options.resolution, &Sink(&writer), &watch(Stage::Imagery))?;
     let sections = writer.finish(&mut watch(Stage::Write))?;
     let note = note(&sections.header, options.resolution, &pyramid);
     Ok(Layer { sections, note, pyramid })
@@ -167,7 +202,8 @@ pub fn add(
         let opened = open(&reader.geo().crs)?;
         let header = reader.header();
         let intervals = u64::from(header.tile()) << header.levels;
-        let layer = layer(&opened, (reader.geo(), intervals), options, work.folder(), observer)?;
+        let imagery = Imagery { pictures: &opened, options: *options };
+        let layer = layer(&imagery, (reader.geo(), intervals), work.folder(), observer)?;
         // An open file cannot be replaced on Windows.
         drop(reader);
         let mut go_on = |done, total| {
@@ -175,13 +211,6 @@ pub fn add(
             !observer.cancelled()
         };
         let file_bytes = amend::put_imagery(&mut work, &layer.sections, &layer.note, &mut go_on)?;
-        Ok(AddReport {
-            bytes: layer.sections.bytes(),
-            levels: layer.sections.levels,
-            header: layer.sections.header,
-            file_bytes,
-            pyramid: layer.pyramid,
-            elapsed: start.elapsed(),
-        })
+        Ok(AddReport { layer: layer.report(), file_bytes, elapsed: start.elapsed() })
     })
 }

@@ -7,6 +7,7 @@ use crate::container::metadata::{LevelNote, LevelStatistics, Metadata, SourceNot
 use crate::container::work::{Earlier, WorkFolder};
 use crate::container::writer::ContainerWriter;
 use crate::error::{Error, Result};
+use crate::pipeline::imagery::{self, Imagery};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::reach::{Extent, Reach};
 use crate::pipeline::run::{Done, recipe};
@@ -21,13 +22,14 @@ use crate::source::{Part, SourceInfo};
 pub fn merge(pieces: &[PathBuf], output: &Path, force: bool, observer: &dyn Observer) -> Result<Report> {
     let start = Instant::now();
     let earlier = if force { Earlier::Discard } else { Earlier::Refuse };
-    join(pieces, || WorkFolder::take(output, force, earlier), observer, start)
+    join(pieces, || WorkFolder::take(output, force, earlier), None, observer, start)
 }
 
 /// Joins pieces in a work folder, which is taken when the pieces have been found good.
 pub fn join(
     pieces: &[PathBuf],
     work: impl FnOnce() -> Result<WorkFolder>,
+    imagery: Option<&Imagery<'_>>,
     observer: &dyn Observer,
     start: Instant,
 ) -> Result<Report> {
@@ -57,7 +59,7 @@ pub fn join(
         }
     }
     let done = pass_all(&plan, writer, tally, seams, observer)?;
-    assemble(done, &plan, &first.info, &first.options, observer, start)
+    assemble(done, &plan, (&first.info, &first.options), imagery, observer, start)
 }
 
 /// Sends what pieces have left through the levels.
@@ -128,12 +130,12 @@ fn check_cover(plan: &Plan, pieces: &[PathBuf], states: &[State]) -> Result<()> 
     Ok(())
 }
 
-/// Puts the file together when all tiles are finished.
+/// Puts the file together when all tiles are finished, with the imagery layer, which is made here.
 pub fn assemble(
     done: Done,
     plan: &Plan,
-    info: &SourceInfo,
-    options: &BuildOptions,
+    (info, options): (&SourceInfo, &BuildOptions),
+    imagery: Option<&Imagery<'_>>,
     observer: &dyn Observer,
     start: Instant,
 ) -> Result<Report> {
@@ -144,12 +146,20 @@ pub fn assemble(
     }
     let header = plan.header(info, writer.tile_count());
     let statistics = tally.statistics(&header);
-    let metadata = metadata(info, plan, &statistics, options);
+    let mut metadata = metadata(info, plan, &statistics, options);
+    let mut layer_report = None;
+    if let Some(imagery) = imagery {
+        let place = (&plan.geo, plan.intervals());
+        let layer = imagery::layer(imagery, place, writer.work().folder(), observer)?;
+        layer_report = Some(layer.report());
+        metadata.imagery = Some(layer.note);
+        writer.attach(layer.sections);
+    }
     let file = writer.finish_while(&header, &metadata, &statistics, &mut |tiles, total| {
         observer.rows(Stage::Write, tiles, total);
         !observer.cancelled()
     })?;
-    Ok(Report { header, statistics, file, elapsed: start.elapsed() })
+    Ok(Report { header, statistics, file, imagery: layer_report, elapsed: start.elapsed() })
 }
 
 fn all_void(info: &SourceInfo, plan: &Plan) -> Error {

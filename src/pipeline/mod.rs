@@ -32,6 +32,7 @@ use crate::container::metadata::Statistics;
 use crate::container::writer::FileSummary;
 use crate::error::{Error, Result};
 use crate::source::Source;
+use imagery::{Imagery, LayerReport};
 use reach::Extent;
 use run::Begun;
 
@@ -122,6 +123,8 @@ pub enum Stage {
     Build,
     /// Finishing what lies between pieces.
     Merge,
+    /// The tiles of the imagery layer.
+    Imagery,
     /// Putting the file together.
     Write,
 }
@@ -142,6 +145,8 @@ pub struct Report {
     pub statistics: Statistics,
     /// Sizes.
     pub file: FileSummary,
+    /// The imagery layer, if there is one.
+    pub imagery: Option<LayerReport>,
     /// Wall time.
     pub elapsed: Duration,
 }
@@ -156,9 +161,24 @@ pub fn build(
     options: &BuildOptions,
     observer: &dyn Observer,
 ) -> Result<Report> {
+    build_with(source, None, output, options, observer)
+}
+
+/// [`build`] with an imagery layer, which is made when the heights are done. A build that is resumed makes it anew.
+pub fn build_with(
+    source: &dyn Source,
+    imagery: Option<&Imagery<'_>>,
+    output: &Path,
+    options: &BuildOptions,
+    observer: &dyn Observer,
+) -> Result<Report> {
     let start = Instant::now();
     threads(options.jobs)?.install(|| {
         let mut plan = plan(source.info(), options)?;
+        if let Some(imagery) = imagery {
+            // What is wrong with the pictures is to be known before the heights are built.
+            imagery.check(&plan.geo, plan.intervals())?;
+        }
         let window = Extent::of_level(&plan, plan.levels);
         let strips = plan.strips(options.memory)?;
         let begun = Begun::new(source, output, options, observer, &mut plan, window, None)?;
@@ -166,10 +186,10 @@ pub fn build(
             plan.check_limit(&begun.state.strips, options.memory)?;
         }
         if begun.is_new() && strips.len() > 1 || !begun.state.strips.is_empty() {
-            return strips::build(source, begun, strips, options, observer, &plan, start);
+            return strips::build((source, imagery), begun, strips, options, observer, &plan, start);
         }
         let done = begun.run(source, options, observer, &plan)?;
-        merge::assemble(done, &plan, source.info(), options, observer, start)
+        merge::assemble(done, &plan, (source.info(), options), imagery, observer, start)
     })
 }
 

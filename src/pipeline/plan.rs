@@ -110,6 +110,11 @@ fn check_power(option: &str, value: u32, low: u32, high: u32) -> Result<()> {
 }
 
 impl Plan {
+    /// Intervals along the root square.
+    pub fn intervals(&self) -> u64 {
+        self.span(0)
+    }
+
     /// Tile columns of a level that can hold samples.
     pub fn columns_of_tiles(&self, level: u8) -> u32 {
         tiles_along(self.width, self.span(level), 1 << level)

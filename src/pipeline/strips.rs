@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use crate::error::{Error, Result};
+use crate::pipeline::imagery::Imagery;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::reach::Extent;
 use crate::pipeline::run::Begun;
@@ -21,7 +22,7 @@ const HALO: u32 = 1;
 
 /// Builds the strips that are not there yet, and joins them.
 pub fn build(
-    source: &dyn Source,
+    (source, imagery): (&dyn Source, Option<&Imagery<'_>>),
     begun: Begun,
     strips: Vec<Extent>,
     options: &BuildOptions,
@@ -49,7 +50,7 @@ pub fn build(
         let begun = Begun::new(source, piece, &options, &observer, &mut plan, strip.clone(), largest)?;
         begun.run(source, &options, &observer, &plan)?.into_piece()?;
     }
-    merge::join(&pieces, || Ok(work), observer, start)
+    merge::join(&pieces, || Ok(work), imagery, observer, start)
 }
 
 /// Tells of the strips as of one build.
