@@ -13,25 +13,25 @@ use relevo::source::picture::{self, Picture, PictureOptions, Stretch};
 #[command(next_help_heading = "Imagery")]
 pub struct Imagery {
     /// Pictures to lay over the heights, of which the last lies on top: TIFF files (any rasters of GDAL's if built with --features gdal)
-    #[arg(long = "imagery", value_name = "FILE", num_args = 1..)]
+    #[arg(long = "imagery", id = "imagery", value_name = "FILE", num_args = 1..)]
     pub files: Vec<PathBuf>,
     /// Texels along the side of an imagery tile: a multiple of 4, 64 to 4096
-    #[arg(long = "imagery-tile", value_name = "N", default_value_t = 512)]
+    #[arg(long = "imagery-tile", id = "imagery-tile", value_name = "N", default_value_t = 512)]
     pub tile: u32,
     /// Bands that become grey, or red, green and blue, and one more for alpha, counted from 1 [default: as the file says]
-    #[arg(long = "imagery-bands", value_name = "R,G,B[,A]", value_delimiter = ',')]
+    #[arg(long = "imagery-bands", id = "imagery-bands", value_name = "R,G,B[,A]", value_delimiter = ',')]
     pub bands: Option<Vec<u32>>,
     /// How samples become 8 bits: none, minmax, percent:LOW,HIGH or range:MIN,MAX [default: percent:2,98 for samples wider than 8 bits]
-    #[arg(long = "imagery-stretch", value_name = "RULE", value_parser = stretch)]
+    #[arg(long = "imagery-stretch", id = "imagery-stretch", value_name = "RULE", value_parser = stretch)]
     pub stretch: Option<Stretch>,
     /// Level of a picture: the one with texels nearest to its pixels in size, or the next finer or coarser one
-    #[arg(long = "imagery-resolution", value_name = "closest|finer|coarser", default_value = "closest", value_parser = resolution)]
+    #[arg(long = "imagery-resolution", id = "imagery-resolution", value_name = "closest|finer|coarser", default_value = "closest", value_parser = resolution)]
     pub resolution: Resolution,
     /// How imagery tiles are stored
-    #[arg(long = "imagery-codec", value_name = "CODEC", default_value = "jpeg", value_parser = ["jpeg", "webp", "png", "bc7", "bc1"])]
+    #[arg(long = "imagery-codec", id = "imagery-codec", value_name = "CODEC", default_value = "jpeg", value_parser = ["jpeg", "webp", "png", "bc7", "bc1"])]
     pub codec: String,
     /// Quality of a lossy codec, 1 to 100
-    #[arg(long = "imagery-quality", value_name = "Q", default_value_t = 85, value_parser = clap::value_parser!(u8).range(1..=100))]
+    #[arg(long = "imagery-quality", id = "imagery-quality", value_name = "Q", default_value_t = 85, value_parser = clap::value_parser!(u8).range(1..=100))]
     pub quality: u8,
 }
 

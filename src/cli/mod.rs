@@ -130,3 +130,13 @@ pub fn main() -> ExitCode {
     let _ = writeln!(io::stderr(), "relevo: {message}");
     ExitCode::from(2)
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_arguments_of_all_commands_fit_together() {
+        super::Cli::command().debug_assert();
+    }
+}
