@@ -125,8 +125,10 @@ fn text(path: &Path) -> &str {
 
 /// What GDAL reads, every sample as a float64, which holds all types.
 fn gdal_values(path: &Path, folder: &Path) -> Vec<f64> {
-    let raw = folder.join("dump.bin");
-    run("gdal_translate", &["-q", "-of", "ENVI", "-ot", "Float64", "-b", "1", text(path), text(&raw)]);
+    // In its own type first: a VRT computes in that of the buffer.
+    let [own, raw] = ["own.bin", "dump.bin"].map(|name| folder.join(name));
+    run("gdal_translate", &["-q", "-of", "ENVI", "-b", "1", text(path), text(&own)]);
+    run("gdal_translate", &["-q", "-of", "ENVI", "-ot", "Float64", text(&own), text(&raw)]);
     let bytes = std::fs::read(&raw).expect("raw dump");
     bytes.as_chunks::<8>().0.iter().map(|&eight| f64::from_ne_bytes(eight)).collect()
 }

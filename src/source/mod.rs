@@ -108,8 +108,8 @@ fn format(path: &Path) -> Result<Format> {
     if start.starts_with(b"PK\x03\x04") {
         return Err(Error::unsupported("a zip archive", "unpack it and give what is in it").at(path));
     }
-    let is_xml = start.trim_ascii_start().strip_prefix(b"\xEF\xBB\xBF").unwrap_or(start.trim_ascii_start());
-    if is_xml.first() == Some(&b'<') && start.windows(11).any(|word| word == b"<VRTDataset") {
+    let text = start.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&start).trim_ascii_start();
+    if text.first() == Some(&b'<') && text.windows(11).any(|word| word == b"<VRTDataset") {
         return Ok(Format::Vrt);
     }
     let is_hgt = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("hgt"));

@@ -45,14 +45,21 @@ fn mosaics_of_gdalbuildvrt() {
     let folder = folder.path();
     let kinds =
         [SampleType::Int16, SampleType::Float32, SampleType::Uint8, SampleType::Uint16, SampleType::Int32];
-    for kind in kinds {
-        for (nodata, options) in [
+    for (turn, kind) in kinds.into_iter().enumerate() {
+        for (case, (nodata, options)) in [
             (Some(50.0), &[][..]),
             (None, &[]),
             (Some(50.0), &["-vrtnodata", "77"]),
             (Some(50.0), &["-srcnodata", "33", "-vrtnodata", "44"]),
             (None, &["-te", "400100", "4999000", "401000", "4999950", "-tr", "30", "30", "-tap"]),
-        ] {
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            // Types and cases take turns.
+            if case > 0 && case % 2 != turn % 2 {
+                continue;
+            }
             let paths = tiles(folder, kind, nodata);
             let vrt = folder.join("all.vrt");
             let names: Vec<&str> = paths.iter().map(|path| text(path)).collect();
@@ -120,6 +127,7 @@ fn written_by_hand() {
     let simple = |file: &str, from, to| element("SimpleSource", file, from, to, "");
     let complex = |file: &str, from, to, more: &str| element("ComplexSource", file, from, to, more);
     let window = ([3, 2, 12, 9], [10, 11, 12, 9]);
+    let mut turn = 0;
     let scale = "<ScaleOffset>-12.375</ScaleOffset><ScaleRatio>0.3048</ScaleRatio>";
     for inside in [
         simple("0.tif", window.0, window.1) + &simple("1.tif", [0, 0, 25, 20], [5, 4, 25, 20]),
@@ -133,9 +141,9 @@ fn written_by_hand() {
         complex("0.tif", window.0, window.1, "<UseMaskBand>false</UseMaskBand>"),
     ] {
         for kind in ["Int16", "Int32", "Float32", "Float64"] {
-            for nodata in ["", "    <NoDataValue>-9</NoDataValue>\n"] {
-                compare(&written(folder, kind, &format!("{nodata}{inside}")), folder);
-            }
+            turn += 1;
+            let nodata = if turn % 3 == 0 { "" } else { "    <NoDataValue>-9</NoDataValue>\n" };
+            compare(&written(folder, kind, &format!("{nodata}{inside}")), folder);
         }
     }
 }
