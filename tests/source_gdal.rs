@@ -530,7 +530,7 @@ mod through_gdal {
             return;
         };
         let mut names: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
-        let picture = |name: &str| name.contains("rgb") || name.starts_with("bmng") || name.ends_with(".md");
+        let picture = |name: &str| name.contains("rgb") || name.starts_with("bmng") || name == "INDEX.md";
         names.retain(|path| {
             path.file_name().and_then(|name| name.to_str()).is_some_and(|name| !picture(name))
         });

@@ -2,7 +2,7 @@
 //!
 //! These tests fail without the GDAL command line tools: a check that is skipped proves nothing.
 
-#![expect(clippy::expect_used, clippy::panic, reason = "a test that cannot go on says why")]
+#![expect(clippy::expect_used, reason = "a test that cannot go on says why")]
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -67,6 +67,7 @@ fn without_gdal_it_says_what_to_install() {
 }
 
 #[cfg(feature = "gdal")]
+#[expect(clippy::panic, reason = "helpers of tests")]
 mod through_gdal {
     use super::*;
     use proptest::prelude::*;
@@ -128,6 +129,10 @@ mod through_gdal {
         values
             .map(|value| if value.is_finite() && nodata != Some(value) { value } else { f64::NAN })
             .collect()
+    }
+
+    fn one(path: &Path) -> Vec<PathBuf> {
+        vec![path.to_owned()]
     }
 
     fn differences(ours: &[f64], theirs: &[f64]) -> usize {
@@ -430,7 +435,6 @@ mod through_gdal {
         let dem = fixture("rmnp_dem_uint16.tif");
         let path = folder.path().join("case.tif");
         let to = |crs: &str| options(Some(crs), None, Resampling::Bilinear);
-        let one = |path: &Path| vec![path.to_owned()];
 
         let message = error(&one(&dem), &to("EPSG:99999999"));
         assert!(message.contains("--crs EPSG:99999999"), "{message}");
@@ -477,7 +481,7 @@ mod through_gdal {
             info.geo
         );
 
-        let message = error(&[path.clone()], &options(Some("EPSG:26913+5703"), None, Resampling::Near));
+        let message = error(&one(&path), &options(Some("EPSG:26913+5703"), None, Resampling::Near));
         assert!(
             message.contains("feet.tif: its heights are in NAVD88") && message.contains("NAVD88 height"),
             "{message}"

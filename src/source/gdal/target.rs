@@ -36,19 +36,24 @@ impl Lattice {
         [x, y - self.step.1 * f64::from(self.height), x + self.step.0 * f64::from(self.width), y]
     }
 
-    /// The lattice of several: from their outermost edges, with the given steps or the finest that one of them has.
+    /// The lattice of several, as `gdalwarp` makes it: from their westernmost and northernmost edge, with the finest
+    /// steps that one of them has, to about their other edges; then with the given steps over that same extent.
     pub(super) fn union(all: &[Self], step: Option<(f64, f64)>, limits: &Limits) -> Result<Self> {
         if let [only] = all {
             return Ok(*only);
         }
         let nothing = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
-        let [west, south, east, north] = all
+        let bounds = all
             .iter()
             .map(Self::bounds)
             .fold(nothing, |a, b| [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]);
         let finest =
-            || all.iter().fold((f64::INFINITY, f64::INFINITY), |s, l| (s.0.min(l.step.0), s.1.min(l.step.1)));
-        let step = step.unwrap_or_else(finest);
+            all.iter().fold((f64::INFINITY, f64::INFINITY), |s, l| (s.0.min(l.step.0), s.1.min(l.step.1)));
+        let own = Self::over(bounds, finest, limits)?;
+        step.map_or(Ok(own), |step| Self::over(own.bounds(), step, limits))
+    }
+
+    fn over([west, south, east, north]: [f64; 4], step: (f64, f64), limits: &Limits) -> Result<Self> {
         let count = |length: f64, step: f64| (length / step + 0.5) as u64;
         Ok(Self {
             corner: (west, north),

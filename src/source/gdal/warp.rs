@@ -56,7 +56,7 @@ fn open_parts(
         Some(text) => Some(Horizontal::of_user(text)?),
         None => looked_at.first().and_then(|first| first.spatial.as_ref()).map(Horizontal::of),
     };
-    // Of several only the edges count, which do not follow the resolution: those of gdalwarp do not, either.
+    // Of several, the lattice of all is made first, as gdalwarp does.
     let alone = warp.resolution.filter(|_| looked_at.len() == 1);
     let plan = |original: &Original| {
         let (from, to) = original.systems(target.as_ref())?;
