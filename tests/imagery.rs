@@ -422,6 +422,7 @@ fn levels_and_tiles_are_exported() {
             assert_eq!((&pixel[..3], pixel[3]), (&*world.colour(2, x, y), world.alpha(2, x, y)), "{x} {y}");
         }
     }
+    let whole = pixels;
     let (info, pixels) = decode("tile.png");
     assert_eq!((info.width, info.height), (TILE as u32, TILE as u32));
     assert_eq!(pixels[..3], world.colour(2, TILE as i64, TILE as i64)[..]);
@@ -430,6 +431,17 @@ fn levels_and_tiles_are_exported() {
     run(&["--imagery", "--tile", "2/1/1", "-o", "tile.tif"]);
     run(&["--tile", "1/0/1", "-o", "heights.tif"]);
     run(&["--tile", "1/0/1", "-o", "heights.png"]);
+    let level = relevo::source::picture::open_all(
+        &[folder.path().join("level.tif")],
+        &relevo::source::picture::PictureOptions::default(),
+        &reader.geo().crs,
+        &Limits::default(),
+    );
+    let level = level.expect("a GeoTIFF").remove(0);
+    let (width, height) = (level.info().width, level.info().height);
+    let read = level.read_window(0..width, 0..height).expect("pixels");
+    let (colour, alpha): (Vec<_>, Vec<_>) = whole.chunks_exact(4).map(|p| (&p[..3], p[3])).unzip();
+    assert!(read.colour == colour.concat() && read.alpha == Some(alpha), "the GeoTIFF is not the PNG");
     let exported = source::open(&folder.path().join("heights.tif"), &Limits::default()).expect("heights");
     assert!(exported.info().width <= 65 && exported.info().geo.transform.is_some());
     let (info, greys) = decode("heights.png");
@@ -544,7 +556,7 @@ fn add_puts_and_replaces_a_layer() {
     let first = fs::read(&path).expect("file");
     assert!(section(&path, 5) == before && section(&path, 16).is_some());
     let (code, info) = relevo(&["info", "a.rlv"]);
-    assert!(code == Some(0) && info.contains("picture.tif") && info.contains("RGB, png"), "{info}");
+    assert!(code == Some(0) && info.contains("picture.tif") && info.contains("RGB and alpha, png"), "{info}");
     assert_eq!(relevo(&["verify", "a.rlv"]).0, Some(0));
     assert_eq!(add("jpeg", "3").0, Some(0));
     assert!(section(&path, 5) == before);

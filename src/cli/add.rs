@@ -74,13 +74,9 @@ fn print(args: &Args, report: &AddReport, out: &mut dyn Write) -> std::io::Resul
         table.row(vec![level.to_string(), grouped(tiles), bytes(size)]);
     }
     table.print(out)?;
-    let codec = report.header.codec;
-    writeln!(
-        out,
-        "{} tiles, {codec}, in {}",
-        grouped(report.header.tiles),
-        seconds(report.elapsed.as_secs_f64())
-    )
+    let (codec, count) = (report.header.codec, report.header.tiles);
+    let tiles = if count == 1 { "1 tile".to_owned() } else { grouped(count) + " tiles" };
+    writeln!(out, "{tiles}, {codec}, in {}", seconds(report.elapsed.as_secs_f64()))
 }
 
 fn json(args: &Args, report: &AddReport) -> serde_json::Value {
