@@ -2,6 +2,7 @@
 
 #![expect(clippy::expect_used, reason = "a test that cannot go on says why")]
 
+use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -15,8 +16,9 @@ use relevo::container::{ImageryHeader, Reader};
 use relevo::geotiff_write::{GeotiffSpec, GeotiffWriter};
 use relevo::limits::Limits;
 use relevo::pipeline::{self, BuildOptions, Silent};
-use relevo::sample::SampleType;
+use relevo::sample::{SampleType, VALID};
 use relevo::source::Samples;
+use relevo::source::picture::{PictureOptions, open_all};
 use relevo::texel::{Colour, Texels};
 use relevo::verify::{VerifyOptions, verify};
 use relevo::{Error, TileId, source};
@@ -391,61 +393,89 @@ fn repair(bytes: &mut [u8], section: std::ops::Range<usize>) {
     bytes[252..256].copy_from_slice(&crc.finalize().to_le_bytes());
 }
 
+fn export(folder: &TempDir, args: &[&str]) {
+    let mut command = Command::cargo_bin("relevo").expect("binary");
+    command.args(["export", "a.rlv"]).args(args).current_dir(folder.path()).assert().success();
+}
+
+fn decode_png(folder: &TempDir, name: &str) -> (png::OutputInfo, Vec<u8>) {
+    let file = std::io::BufReader::new(fs::File::open(folder.path().join(name)).expect("file"));
+    let mut png = png::Decoder::new(file).read_info().expect("PNG");
+    let mut pixels = vec![0; png.output_buffer_size().expect("size")];
+    let info = png.next_frame(&mut pixels).expect("pixels");
+    (info, pixels)
+}
+
 #[test]
-fn levels_and_tiles_are_exported() {
+fn a_level_and_a_tile_of_imagery_are_exported() {
     let (folder, path) = begin();
     let world = World { kind: Colour::Rgb, clear: true, leaf: 2 };
     put(&path, &world, Codec::Png, 0);
     let reader = Reader::open(&path).expect("open");
-    let (header, transform) = (reader.header().clone(), reader.header().transform.expect("place"));
-    let run = |args: &[&str]| {
-        let mut command = Command::cargo_bin("relevo").expect("binary");
-        command.arg("export").arg(&path).args(args).current_dir(folder.path()).assert().success();
-    };
-    run(&["--imagery", "--level", "2", "-o", "level.png"]);
-    run(&["--imagery", "--tile", "2/1/1", "-o", "tile.png"]);
-    let decode = |name: &str| {
-        let file = std::io::BufReader::new(fs::File::open(folder.path().join(name)).expect("file"));
-        let mut png = png::Decoder::new(file).read_info().expect("PNG");
-        let mut pixels = vec![0; png.output_buffer_size().expect("size")];
-        let info = png.next_frame(&mut pixels).expect("pixels");
-        (info, pixels)
-    };
-    let (info, pixels) = decode("level.png");
+    let header = reader.header();
+    export(&folder, &["--imagery", "--level", "2", "-o", "level.png"]);
+    let (info, whole) = decode_png(&folder, "level.png");
     let intervals = u64::from(header.tile()) << header.levels;
     let texels = |samples: u32| (u64::from(samples - 1) * (TILE as u64 * 4)).div_ceil(intervals) as u32;
     assert_eq!((info.width, info.height), (texels(header.width), texels(header.height)));
-    for (i, pixel) in pixels.chunks_exact(4).enumerate() {
+    for (i, pixel) in whole.chunks_exact(4).enumerate() {
         let (x, y) = (i as i64 % i64::from(info.width), i as i64 / i64::from(info.width));
         let id = TileId::new(2, (x / TILE as i64) as u32, (y / TILE as i64) as u32);
         if world.exists(id) {
             assert_eq!((&pixel[..3], pixel[3]), (&*world.colour(2, x, y), world.alpha(2, x, y)), "{x} {y}");
         }
     }
-    let (info, pixels) = decode("tile.png");
+    export(&folder, &["--imagery", "--tile", "2/1/1", "-o", "tile.png"]);
+    let (info, pixels) = decode_png(&folder, "tile.png");
     assert_eq!((info.width, info.height), (TILE as u32, TILE as u32));
     assert_eq!(pixels[..3], world.colour(2, TILE as i64, TILE as i64)[..]);
-    // GeoTIFF: the same texels, and the place of the first.
-    run(&["--imagery", "--level", "2", "-o", "level.tif"]);
-    run(&["--imagery", "--tile", "2/1/1", "-o", "tile.tif"]);
-    run(&["--tile", "1/0/1", "-o", "heights.tif"]);
-    run(&["--tile", "1/0/1", "-o", "heights.png"]);
+    // As GeoTIFFs: the same texels, at the right place.
+    let open = |name: &str| {
+        let (paths, options) = ([folder.path().join(name)], PictureOptions::default());
+        open_all(&paths, &options, &reader.geo().crs, &Limits::default()).expect("a GeoTIFF").remove(0)
+    };
+    export(&folder, &["--imagery", "--level", "2", "-o", "level.tif"]);
+    let level = open("level.tif");
+    let read = level.read_window(0..level.info().width, 0..level.info().height).expect("pixels");
+    let (colour, alpha): (Vec<_>, Vec<_>) = whole.chunks_exact(4).map(|p| (&p[..3], p[3])).unzip();
+    assert!(read.colour == colour.concat() && read.alpha == Some(alpha), "the GeoTIFF is not the PNG");
+    export(&folder, &["--imagery", "--tile", "2/1/1", "-o", "tile.tif"]);
+    let (whole, tile) =
+        (header.transform.expect("place"), open("tile.tif").info().geo.transform.expect("place"));
+    let step = intervals as f64 / (TILE as f64 * 4.0);
+    let west = whole[0] + (0.5 + TILE as f64 * step) * whole[1];
+    let north = whole[3] + (0.5 + TILE as f64 * step) * whole[5];
+    for (got, expected) in
+        [(tile[0], west), (tile[1], step * whole[1]), (tile[3], north), (tile[5], step * whole[5])]
+    {
+        assert!((got - expected).abs() < 1e-9 * expected.abs(), "{got}, expected {expected}");
+    }
+}
+
+#[test]
+fn a_tile_of_heights_is_exported() {
+    let (folder, path) = begin();
+    let reader = Reader::open(&path).expect("open");
+    export(&folder, &["--tile", "1/0/1", "-o", "heights.tif"]);
+    export(&folder, &["--tile", "1/0/1", "-o", "heights.png"]);
     let exported = source::open(&folder.path().join("heights.tif"), &Limits::default()).expect("heights");
-    assert!(exported.info().width <= 65 && exported.info().geo.transform.is_some());
-    let (info, greys) = decode("heights.png");
-    assert_eq!((info.width, info.bit_depth), (exported.info().width, png::BitDepth::Sixteen));
-    assert!(greys.iter().any(|&g| g != 0));
-    let gdalinfo = std::process::Command::new("gdalinfo").arg(folder.path().join("tile.tif")).output();
-    if let Ok(said) = gdalinfo {
-        let said = String::from_utf8_lossy(&said.stdout).into_owned();
-        for part in ["Size is 64, 64", "ColorInterp=Red", "ColorInterp=Alpha", "Block=256x256"] {
-            assert!(said.contains(part), "{said}");
+    let (columns, rows) = (exported.info().width, exported.info().height);
+    let (info, greys) = decode_png(&folder, "heights.png");
+    assert_eq!((info.width, info.height, info.bit_depth), (columns, rows, png::BitDepth::Sixteen));
+    let tile = reader.read_tile(TileId::new(1, 0, 1)).expect("tile");
+    let all = (0..rows as usize).flat_map(|row| (0..columns as usize).map(move |column| (column, row)));
+    let values: Vec<_> = all
+        .map(|(column, row)| tile.at(column, row))
+        .map(|at| (tile.state[at] == VALID).then(|| tile.value(at, reader.header().coding)))
+        .collect();
+    let low = values.iter().flatten().copied().fold(f64::INFINITY, f64::min);
+    let samples = exported.read_rows(0..rows).expect("samples").samples;
+    for (i, value) in values.iter().enumerate() {
+        let grey = u16::from_be_bytes([greys[2 * i], greys[2 * i + 1]]);
+        assert_eq!(f64::from(grey), value.map_or(0.0, |value| value - low + 1.0));
+        if let (Some(value), Samples::Uint16(samples)) = (value, &samples) {
+            assert_eq!(f64::from(samples[i]), *value);
         }
-        let step = intervals as f64 / (TILE as f64 * 4.0);
-        let x = transform[0] + (0.5 + TILE as f64 * step) * transform[1];
-        let origin = said.lines().find(|line| line.starts_with("Origin")).expect("origin");
-        let got: f64 = origin.split(['(', ',']).nth(1).expect("x").parse().expect("number");
-        assert!((got - x).abs() < 1e-6 * x.abs(), "{origin}: {x}");
     }
 }
 
@@ -468,8 +498,12 @@ fn what_is_not_there_is_an_error_of_usage() {
 #[test]
 fn an_independent_reader_agrees() {
     let (_folder, path) = begin();
-    let sum =
-        |bytes: &[u8]| Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+    let sum = |bytes: &[u8]| {
+        Sha256::digest(bytes).iter().fold(String::new(), |mut hex, byte| {
+            write!(hex, "{byte:02x}").expect("a string");
+            hex
+        })
+    };
     for codec in Codec::ALL {
         for (kind, clear) in [(Colour::Grey, true), (Colour::Rgb, false)] {
             let world = World { kind, clear, leaf: 3 };
@@ -544,7 +578,7 @@ fn add_puts_and_replaces_a_layer() {
     let first = fs::read(&path).expect("file");
     assert!(section(&path, 5) == before && section(&path, 16).is_some());
     let (code, info) = relevo(&["info", "a.rlv"]);
-    assert!(code == Some(0) && info.contains("picture.tif") && info.contains("RGB, png"), "{info}");
+    assert!(code == Some(0) && info.contains("picture.tif") && info.contains("RGB and alpha, png"), "{info}");
     assert_eq!(relevo(&["verify", "a.rlv"]).0, Some(0));
     assert_eq!(add("jpeg", "3").0, Some(0));
     assert!(section(&path, 5) == before);

@@ -3,59 +3,75 @@
 //! Pull and push: means of 2 x 2 texels that have a colour, until every square has one; then each texel without a colour takes that of
 //! the smallest square around it that has. What is seen does not change.
 
+use crate::texel::Colour;
+
 /// One level of means.
-struct Means {
+struct Means<const C: usize> {
     side: usize,
-    colour: Vec<u8>,
+    colour: Vec<[u8; C]>,
     known: Vec<bool>,
 }
 
 /// Gives wholly transparent texels of a square the colours of near ones; nothing to be done where there is no other texel.
-pub(super) fn fill(colour: &mut [u8], alpha: &[u8], side: usize, channels: usize) {
+pub(super) fn fill(colour: &mut [u8], alpha: &[u8], side: usize, kind: Colour) {
     let known: Vec<bool> = alpha.iter().map(|&alpha| alpha > 0).collect();
     if known.iter().all(|&known| known) || !known.contains(&true) {
         return;
     }
-    let mut levels = vec![halve(colour, &known, side, channels)];
+    match kind {
+        Colour::Grey => pull_and_push::<1>(colour.as_chunks_mut().0, &known, side),
+        Colour::Rgb => pull_and_push::<3>(colour.as_chunks_mut().0, &known, side),
+    }
+}
+
+fn pull_and_push<const C: usize>(colour: &mut [[u8; C]], known: &[bool], side: usize) {
+    let mut levels = vec![halve(colour, known, side)];
     while let Some(last) = levels.last().filter(|last| last.known.contains(&false)) {
-        levels.push(halve(&last.colour, &last.known, last.side, channels));
+        levels.push(halve(&last.colour, &last.known, last.side));
     }
     for index in (1..levels.len()).rev() {
         let (finer, coarser) = levels.split_at_mut(index);
         let (finer, coarser) = (&mut finer[index - 1], &coarser[0]);
-        push(&mut finer.colour, &finer.known, finer.side, coarser, channels);
+        push(&mut finer.colour, &finer.known, finer.side, coarser);
     }
-    push(colour, &known, side, &levels[0], channels);
+    push(colour, known, side, &levels[0]);
 }
 
-fn halve(colour: &[u8], known: &[bool], side: usize, channels: usize) -> Means {
+fn halve<const C: usize>(colour: &[[u8; C]], known: &[bool], side: usize) -> Means<C> {
     let half = side.div_ceil(2);
-    let mut means =
-        Means { side: half, colour: vec![0; half * half * channels], known: vec![false; half * half] };
-    let mut sums = vec![0_u32; channels];
-    for (index, mean) in means.colour.chunks_exact_mut(channels).enumerate() {
-        let (x, y) = (index % half * 2, index / half * 2);
-        sums.fill(0);
-        let mut count = 0;
-        for row in y..(y + 2).min(side) {
-            for at in (row * side + x..row * side + (x + 2).min(side)).filter(|&at| known[at]) {
-                count += 1;
-                let texel = &colour[at * channels..];
-                sums.iter_mut().zip(texel).for_each(|(sum, &value)| *sum += u32::from(value));
+    let mut means = Means { side: half, colour: vec![[0; C]; half * half], known: vec![false; half * half] };
+    let rows = means.colour.chunks_exact_mut(half).zip(means.known.chunks_exact_mut(half));
+    for (y, (row, row_known)) in rows.enumerate() {
+        // Of an odd side the last row and column count twice.
+        let (upper, lower) = (2 * y * side, (2 * y + 1).min(side - 1) * side);
+        for (x, (mean, mean_known)) in row.iter_mut().zip(row_known).enumerate() {
+            let (left, right) = (2 * x, (2 * x + 1).min(side - 1));
+            let four = [upper + left, upper + right, lower + left, lower + right];
+            let count: u32 = four.iter().map(|&at| u32::from(known[at])).sum();
+            if count == 0 {
+                continue;
             }
-        }
-        if count > 0 {
-            means.known[index] = true;
-            mean.iter_mut().zip(&sums).for_each(|(mean, sum)| *mean = ((sum + count / 2) / count) as u8);
+            let mut sums = [count / 2; C];
+            for at in four {
+                let weight = u32::from(known[at]);
+                sums.iter_mut().zip(colour[at]).for_each(|(sum, value)| *sum += weight * u32::from(value));
+            }
+            *mean = sums.map(|sum| (sum / count) as u8);
+            *mean_known = true;
         }
     }
     means
 }
 
-fn push(colour: &mut [u8], known: &[bool], side: usize, coarser: &Means, channels: usize) {
-    for (index, texel) in colour.chunks_exact_mut(channels).enumerate().filter(|(index, _)| !known[*index]) {
-        let from = index / side / 2 * coarser.side + index % side / 2;
-        texel.copy_from_slice(&coarser.colour[from * channels..][..channels]);
+fn push<const C: usize>(colour: &mut [[u8; C]], known: &[bool], side: usize, coarser: &Means<C>) {
+    let rows = colour.chunks_exact_mut(side).zip(known.chunks_exact(side));
+    for (y, (row, known)) in rows.enumerate().filter(|(_, (_, known))| known.contains(&false)) {
+        let from = &coarser.colour[y / 2 * coarser.side..][..coarser.side];
+        for (x, (texel, known)) in row.iter_mut().zip(known).enumerate() {
+            if !known {
+                *texel = from[x / 2];
+            }
+        }
     }
 }
 
@@ -69,7 +85,7 @@ mod tests {
         let mut alpha = vec![0; 25];
         (colour[0], alpha[0]) = (40, 255);
         (colour[24], alpha[24]) = (200, 1);
-        fill(&mut colour, &alpha, 5, 1);
+        fill(&mut colour, &alpha, 5, Colour::Grey);
         assert_eq!((colour[0], colour[1], colour[6], colour[24]), (40, 40, 40, 200));
         assert_eq!((colour[12], colour[4]), (40, 200));
         assert!(colour.iter().all(|&c| c >= 40));
@@ -78,8 +94,8 @@ mod tests {
     #[test]
     fn what_has_nothing_or_all_stays() {
         let mut colour = vec![1, 2, 3, 4];
-        fill(&mut colour, &[0; 4], 2, 1);
-        fill(&mut colour, &[9; 4], 2, 1);
+        fill(&mut colour, &[0; 4], 2, Colour::Grey);
+        fill(&mut colour, &[9; 4], 2, Colour::Grey);
         assert_eq!(colour, [1, 2, 3, 4]);
     }
 }

@@ -245,7 +245,7 @@ impl Sweep<'_> {
         let half = Half::of(&canvas);
         let inner = canvas.alpha.chunks_exact(side).take(side - GUTTER).skip(GUTTER);
         let alpha = inner.flat_map(|row| &row[GUTTER..side - GUTTER]).map(|&alpha| u64::from(alpha)).sum();
-        fill::fill(&mut canvas.colour, &canvas.alpha, side, self.kind.channels());
+        fill::fill(&mut canvas.colour, &canvas.alpha, side, self.kind);
         let opaque = canvas.is_opaque();
         let texels =
             Texels { side, kind: self.kind, colour: canvas.colour, alpha: (!opaque).then_some(canvas.alpha) };

@@ -124,7 +124,7 @@ pub struct PictureChunks {
     pub colour: Vec<u8>,
     /// Alpha, lossless, if the codec does not carry it with the colour and the tile is not opaque.
     pub alpha: Vec<u8>,
-    /// True if some texel is not opaque.
+    /// True if some texel is not opaque. (Of chunks that were read, whether there is alpha apart.)
     pub clear: bool,
 }
 
