@@ -263,10 +263,15 @@ pub fn print(report: &Report, output: &Path, out: &mut dyn Write) -> std::io::Re
     let leaves = report.statistics.levels.last().map_or(0, |level| level.tiles) as f64;
     let side = f64::from(header.tile());
     let samples = (f64::from(header.width) * f64::from(header.height)).min(leaves * side * side);
-    let length = report.file.file_bytes;
+    let length = report.file.file_bytes - report.file.imagery_bytes;
+    let with = if report.imagery.is_some() {
+        format!("{} with its imagery; the heights: ", bytes(report.file.file_bytes))
+    } else {
+        String::new()
+    };
     writeln!(
         out,
-        "{}: {}, {} bits a sample, {} of the raw samples",
+        "{}: {with}{}, {} bits a sample, {} of the raw samples",
         output.display(),
         bytes(length),
         short(length as f64 * 8.0 / samples),
