@@ -209,7 +209,7 @@ fn signature(file: &[u8]) -> Result<(ByteOrder, bool)> {
         [] => Err(Error::format("TIFF header", "8 bytes", "an empty file")),
         _ => Err(Error::unsupported(
             format!("not a TIFF (it starts with {})", start.escape_ascii()),
-            crate::source::NEEDS_GDAL,
+            crate::source::open::NEEDS_GDAL,
         )),
     }
 }

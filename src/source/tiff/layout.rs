@@ -301,7 +301,7 @@ impl Layout {
 }
 
 fn unsupported(what: impl Into<String>) -> Error {
-    Error::unsupported(what, crate::source::NEEDS_GDAL)
+    Error::unsupported(what, crate::source::open::NEEDS_GDAL)
 }
 
 fn side(reader: &mut Reader<'_>, directory: &Directory, tag: Tag, limits: &Limits) -> Result<u32> {

@@ -19,7 +19,8 @@ use std::path::Path;
 pub(super) use self::srs::of_code;
 use self::xml::{Vrt, VrtSource, unsupported};
 use super::mosaic::{self, Assembly, Member, Mosaic, Piece, Rule, Scaled};
-use super::{Nest, Overlap, Rect, SourceInfo, metadata};
+use super::open::Nest;
+use super::{Overlap, Rect, SourceInfo, metadata};
 use crate::error::{Error, Result};
 use crate::geo::Geo;
 use crate::sample::SampleType;
@@ -47,7 +48,7 @@ fn open_inner(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Mosaic> {
     for mut source in sources {
         nest.count()?;
         source.nodata = nodata.or(source.nodata);
-        pieces.push((super::piece(&source.path, nodata, &inner)?, source));
+        pieces.push((super::open::piece(&source.path, nodata, &inner)?, source));
         let (piece, first) = (&pieces[pieces.len() - 1].0, &pieces[0].0);
         mosaic::same_crs((&first.path, &first.info), (&piece.path, &piece.info))?;
     }
