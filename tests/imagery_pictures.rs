@@ -372,3 +372,40 @@ fn what_cannot_be_read_says_why() {
         assert!(read.is_err_and(|error| error.to_string().contains("damaged.tif")));
     }
 }
+
+#[cfg(feature = "gdal")]
+#[test]
+fn other_formats_and_coordinate_systems_come_through_gdal() {
+    let folder = tempfile::tempdir().expect("folder");
+    if let Some(source) = shared("bmng_world_5400x2700.jpg") {
+        let path = folder.path().join("world.jpg");
+        fs::copy(&source, &path).expect("copy");
+        let message = open_with(&path, &PictureOptions::default()).err().expect("nowhere").to_string();
+        assert!(message.contains("world.jpg"), "{message}");
+        let pixel = 360.0 / 5400.0;
+        let place = format!("{pixel}\n0\n0\n-{pixel}\n{}\n{}\n", pixel / 2.0 - 180.0, 90.0 - pixel / 2.0);
+        fs::write(path.with_extension("jgw"), place).expect("written");
+        let picture = open_with(&path, &PictureOptions::default()).expect("placed");
+        assert!((picture.info().geo.transform.expect("place")[0] + 180.0).abs() < 1e-9);
+        let own = picture.read_window(1000..1900, 990..1100).expect("window");
+        let part = folder.path().join("part.tif");
+        if run("gdal_translate", &["-srcwin", "1000", "990", "900", "110"], &path, &part) {
+            assert!(own.colour == gdal(&part, &[]));
+        }
+    }
+    if let Some(source) = shared("sfbay_landsat7_rgb_nodata.tif") {
+        let (picture, pixels) = read(&source, &PictureOptions::default());
+        let warped = folder.path().join("warped.tif");
+        let words = ["-t_srs", "EPSG:4326", "-dstalpha", "-r", "bilinear", "-wo", "UNIFIED_SRC_NODATA=YES"];
+        if run("gdalwarp", &words, &source, &warped) {
+            let expected = gdal(&warped, &[]);
+            let alpha = pixels.alpha.expect("nodata");
+            let own = pixels.colour.chunks_exact(3).zip(alpha).flat_map(|(p, a)| [p[0], p[1], p[2], a]);
+            let own: Vec<u8> = own.collect();
+            // GDAL warps in chunks, between which it rounds in another way.
+            assert!(mean_difference(&own, &expected) < 0.01);
+        }
+        assert_eq!(picture.info().geo.crs.epsg, Some(4326));
+        assert!(picture.info().note.description.contains("warped"));
+    }
+}
