@@ -25,17 +25,12 @@ fn shared(name: &str) -> Option<PathBuf> {
 /// Runs a program of GDAL's; false if it is not installed.
 fn run(program: &str, words: &[&str], from: &Path, to: &Path) -> bool {
     let mut command = Command::new(program);
-    match command.arg("-q").args(words).arg(from).arg(to).output() {
-        Ok(output) => {
-            let talk = String::from_utf8_lossy(&output.stderr).into_owned();
-            assert!(output.status.success(), "{program} {words:?}: {talk}");
-            true
-        }
-        Err(_) => {
-            eprintln!("{program} is not there: not tested");
-            false
-        }
-    }
+    let Ok(output) = command.arg("-q").args(words).arg(from).arg(to).output() else {
+        eprintln!("{program} is not there: not tested");
+        return false;
+    };
+    assert!(output.status.success(), "{program} {words:?}: {}", String::from_utf8_lossy(&output.stderr));
+    true
 }
 
 fn open_with(path: &Path, options: &PictureOptions) -> relevo::Result<Box<dyn Picture>> {
@@ -208,7 +203,7 @@ fn alpha_and_masks_hide() {
         let words: Vec<&str> = bands.iter().chain(&deflate).chain(&alpha).chain(more).copied().collect();
         run("gdal_translate", &words, &source, &path);
         let (picture, pixels) = read(&path, &PictureOptions::default());
-        assert_eq!((picture.info().kind, &pixels.colour == &all), (Colour::Rgb, true));
+        assert_eq!((picture.info().kind, pixels.colour == all), (Colour::Rgb, true));
         assert!(all.chunks_exact(3).map(|p| p[0]).eq(pixels.alpha.expect("alpha")));
     }
     // A mask of the third band, in the file and beside it.
@@ -230,7 +225,12 @@ fn palettes_and_bits() {
     let folder = tempfile::tempdir().expect("folder");
     if let Some(source) = shared("zion_nlcd_classes.tif") {
         let crs = Crs { epsg: Some(26912), kind: CrsKind::Projected, ..Crs::default() };
-        let all = picture::open_all(&[source.clone()], &PictureOptions::default(), &crs, &Limits::default());
+        let all = picture::open_all(
+            std::slice::from_ref(&source),
+            &PictureOptions::default(),
+            &crs,
+            &Limits::default(),
+        );
         let picture = &all.expect("picture")[0];
         let pixels = picture.read_window(0..1073, 0..1359).expect("pixels");
         let copy = folder.path().join("zion.tif");
