@@ -23,15 +23,15 @@ pub fn open(path: &Path, limits: &Limits) -> Result<Box<dyn Source>> {
 
 /// How deep files stand in one another, and how many have been opened on the way.
 #[derive(Clone, Copy)]
-pub struct Nest<'a> {
-    limits: &'a Limits,
-    depth: u32,
-    files: &'a Cell<u64>,
+pub(super) struct Nest<'a> {
+    pub(super) limits: &'a Limits,
+    pub(super) depth: u32,
+    pub(super) files: &'a Cell<u64>,
 }
 
 impl Nest<'_> {
     /// One more file.
-    fn count(&self) -> Result<()> {
+    pub(super) fn count(&self) -> Result<()> {
         self.files.set(self.files.get() + 1);
         match self.files.get() {
             files if files > self.limits.mosaic_files => {
