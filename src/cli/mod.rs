@@ -38,7 +38,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// Make a .rlv file from a DEM
-    Build(build::Args),
+    Build(Box<build::Args>),
     /// Join pieces made by `build --window` into one file
     Merge(merge::Args),
     /// Put imagery into a file, or other imagery in its place
