@@ -481,6 +481,60 @@ fn a_speck_is_seen_from_the_root() {
     assert!(levels >= 10 && tiles.len() <= 4 * usize::from(levels) + 4);
 }
 
+/// Four million pixels wide, and nearly empty.
+struct Archipelago {
+    info: PictureInfo,
+}
+
+impl Archipelago {
+    fn is_land(column: u32, row: u32) -> bool {
+        column % 900_001 < 700 && row % 5000 < 700
+    }
+}
+
+impl Picture for Archipelago {
+    fn info(&self) -> &PictureInfo {
+        &self.info
+    }
+
+    fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> relevo::Result<Pixels> {
+        let pixels = rows.flat_map(|row| columns.clone().map(move |column| Self::is_land(column, row)));
+        let alpha: Vec<u8> = pixels.map(|land| if land { 255 } else { 0 }).collect();
+        Ok(Pixels { colour: vec![90; alpha.len()], alpha: Some(alpha) })
+    }
+
+    fn may_show(&self, columns: Range<u32>, rows: Range<u32>) -> bool {
+        let any = |range: Range<u32>, period: u32| {
+            range.start % period < 700 || range.end / period > range.start / period
+        };
+        any(columns, 900_001) && any(rows, 5000)
+    }
+
+    fn fingerprint(&self) -> relevo::Result<Fingerprint> {
+        Ok(Fingerprint { files: Vec::new() })
+    }
+}
+
+#[test]
+fn four_million_texels_of_width_with_little_in_them() {
+    let transform = Some([0.0, 1.0, 0.0, 0.0, 0.0, -1.0]);
+    let geo = Geo { transform, ..Geo::default() };
+    let note = PictureNote::default();
+    let info = PictureInfo { width: 1 << 22, height: 20_000, kind: Colour::Grey, geo, note };
+    let pictures: Vec<Box<dyn Picture>> = vec![Box::new(Archipelago { info })];
+    let shelf = Shelf::default();
+    let grid = TexelGrid { tile: TILE, intervals: 1 << 22 };
+    let report = imagery::build(&pictures, &lattice(), &grid, Resolution::Closest, &shelf, &|_, _| true);
+    let report = report.expect("tiles");
+    check_structure(&shelf.0.into_inner().expect("alone"));
+    // 5 x 4 islands of 700 x 700, that touch 11 or 12 tiles along each side.
+    let finest = report.tiles[16];
+    assert!((20 * 11 * 11..=20 * 12 * 12).contains(&finest), "{finest}");
+    assert_eq!(report.tiles.len(), 17);
+    let texels = report.opaque * finest as f64 * 4096.0;
+    assert!((texels / (20.0 * 700.0 * 700.0) - 1.0).abs() < 0.01);
+}
+
 fn shared(name: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
     if path.exists() {
@@ -556,9 +610,13 @@ fn san_francisco() {
     let transform = [own[0], 3.0 * own[1], 0.0, own[3], 0.0, 3.0 * own[5]];
     let geo = Geo { transform: Some(transform), crs, ..Geo::default() };
     let Some((_, report)) = real("sfbay_landsat7_rgb_nodata.tif", &geo, 1024) else { return };
-    // 1788635 pixels are nodata; what is left is neither more nor less.
+    // What of it is not nodata in all bands is seen, neither more nor less.
     let (across, down) = report.pictures[0].pixels_per_texel;
     let seen = report.opaque * *report.tiles.last().expect("levels") as f64 * 4096.0 * across * down;
-    let there = f64::from(2181 * 1917 - 1_788_635);
+    let all = open(&path, &geo.crs)[0].read_window(0..2181, 0..1917).expect("pixels");
+    let hidden = all.colour.chunks_exact(3).filter(|pixel| *pixel == [0; 3]).count();
+    // Half a sample at the north and the west lies outside the square.
+    let there = (2181 * 1917 - hidden) as f64 * report.pictures[0].inside;
+    assert!(hidden > 100_000 && all.alpha.is_some());
     assert!((seen / there - 1.0).abs() < 1e-3, "{seen} of {there}");
 }

@@ -35,6 +35,8 @@ pub(super) struct Placed<'a> {
     map: Map,
     /// Its corners in texels of level 0.
     corners: [(f64, f64); 4],
+    /// Its least and greatest column, and row, of them.
+    bounds: ((f64, f64), (f64, f64)),
     /// Texels along the root square at level 0.
     tile: f64,
 }
@@ -122,7 +124,12 @@ impl<'a> Placed<'a> {
         let corners = [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)].map(|(c, r)| back.apply(c, r));
         let level = level(map.steps(), resolution)
             .ok_or_else(|| wrong(&format!("its pixels are too small: more than {MAX_LEVEL} levels")))?;
-        let placed = Self { picture, level, map, corners, tile };
+        let range = |values: [f64; 4]| {
+            let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+            (low, values.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+        };
+        let bounds = (range(corners.map(|corner| corner.0)), range(corners.map(|corner| corner.1)));
+        let placed = Self { picture, level, map, corners, bounds, tile };
         if placed.inside() > 0.0 {
             return Ok(placed);
         }
@@ -153,17 +160,29 @@ impl<'a> Placed<'a> {
 
     /// Pixels that a square of texels can need, with a margin; empty if it lies outside.
     pub(super) fn window(&self, square: Square) -> (Range<u32>, Range<u32>) {
-        let (map, info) = (self.map(square.level), self.picture.info());
-        let (left, top, side) = (square.left as f64, square.top as f64, square.side as f64);
-        let corners = [(left, top), (left + side, top), (left, top + side), (left + side, top + side)];
-        let corners = corners.map(|(c, r)| map.apply(c, r));
-        (span(corners.map(|corner| corner.0), info.width), span(corners.map(|corner| corner.1), info.height))
+        let side = square.side as f64;
+        self.pixels(square.level, (square.left as f64, square.top as f64), (side, side))
     }
 
-    /// False if it is known to have nothing to show on a square of texels.
-    pub(super) fn may_show(&self, square: Square) -> bool {
-        let (columns, rows) = self.window(square);
+    /// False if it is known to have nothing to show on a rectangle of texels: its first column and row, its width and height.
+    pub(super) fn may_show(&self, level: u8, start: (f64, f64), size: (f64, f64)) -> bool {
+        let texel = 0.5_f64.powi(i32::from(level));
+        let apart = |(low, high): (f64, f64), start: f64, size: f64| {
+            high < (start - 1.0) * texel || low > (start + size + 1.0) * texel
+        };
+        if apart(self.bounds.0, start.0, size.0) || apart(self.bounds.1, start.1, size.1) {
+            return false;
+        }
+        let (columns, rows) = self.pixels(level, start, size);
         !columns.is_empty() && !rows.is_empty() && self.picture.may_show(columns, rows)
+    }
+
+    fn pixels(&self, level: u8, start: (f64, f64), size: (f64, f64)) -> (Range<u32>, Range<u32>) {
+        let (map, info) = (self.map(level), self.picture.info());
+        let (right, bottom) = (start.0 + size.0, start.1 + size.1);
+        let corners = [start, (right, start.1), (start.0, bottom), (right, bottom)];
+        let corners = corners.map(|(c, r)| map.apply(c, r));
+        (span(corners.map(|corner| corner.0), info.width), span(corners.map(|corner| corner.1), info.height))
     }
 
     /// The part of its area that lies in the root square, 0 to 1.

@@ -77,6 +77,11 @@ impl Progress<'_> {
         self.stopped.store(true, Ordering::Relaxed);
     }
 
+    /// So many need not be looked at.
+    fn skip(&self, tiles: usize) {
+        self.done.fetch_add(tiles as u64, Ordering::Relaxed);
+    }
+
     /// One more; false if somebody wants to stop.
     fn step(&self) -> bool {
         (self.observer)(self.done.fetch_add(1, Ordering::Relaxed) + 1, self.total)
@@ -162,7 +167,7 @@ impl Sweep<'_> {
         apart
     }
 
-    /// Tiles of some rows that may exist, and whether pictures of their level touch them.
+    /// Tiles of some rows that may exist, and whether pictures of their level may show there.
     fn candidates(
         &self,
         level: usize,
@@ -172,12 +177,34 @@ impl Sweep<'_> {
         let parents = children.keys().map(|&(x, y)| (y / 2, x / 2)).filter(|(y, _)| rows.contains(y));
         let mut all: Vec<(u32, u32, bool)> = parents.map(|(y, x)| (y, x, false)).collect();
         for y in rows.clone() {
-            all.extend(self.own(level, y).into_iter().flatten().map(|x| (y, x, true)));
+            let mut shown = Vec::new();
+            self.own(level, y).into_iter().for_each(|columns| self.shown(level, y, columns, &mut shown));
+            all.extend(shown.into_iter().map(|x| (y, x, true)));
         }
         // Of two that are one, that of a picture comes first.
         all.sort_unstable_by_key(|&(y, x, own)| (y, x, !own));
         all.dedup_by_key(|&mut (y, x, _)| (y, x));
         all.into_iter().map(|(y, x, own)| (TileId::new(level as u8, x, y), own)).collect()
+    }
+
+    /// Those columns of a row where a picture of this very level may have something to show.
+    fn shown(&self, level: usize, row: u32, columns: Range<u32>, found: &mut Vec<u32>) {
+        let (left, top) = (self.start(columns.start) as f64, self.start(row) as f64);
+        let size = (self.tile * columns.len() + 2 * GUTTER, self.tile + 2 * GUTTER);
+        let size = (size.0 as f64, size.1 as f64);
+        let shows = |placed: &Placed<'_>| {
+            usize::from(placed.level) == level && placed.may_show(placed.level, (left, top), size)
+        };
+        if !self.placed.iter().any(shows) {
+            return;
+        }
+        if columns.len() == 1 {
+            found.push(columns.start);
+            return;
+        }
+        let middle = columns.start + columns.len() as u32 / 2;
+        self.shown(level, row, columns.start..middle, found);
+        self.shown(level, row, middle..columns.end, found);
     }
 
     /// Makes rows of one level, whose children are all made.
@@ -199,8 +226,11 @@ impl Sweep<'_> {
             }
             Ok(made?.map(|made| (id, made)))
         };
-        let made: Vec<Result<Option<(TileId, Made)>>> =
-            self.candidates(level, rows.clone(), children).par_iter().map(make).collect();
+        let candidates = self.candidates(level, rows.clone(), children);
+        let touched: usize =
+            rows.clone().flat_map(|row| self.own(level, row)).map(|columns| columns.len()).sum();
+        progress.skip(touched - candidates.iter().filter(|(_, own)| *own).count());
+        let made: Vec<Result<Option<(TileId, Made)>>> = candidates.par_iter().map(make).collect();
         // An error of one tile interrupts the others: it is the one to report.
         let is_cause =
             |made: &Result<_>| made.as_ref().is_err_and(|error| !matches!(error, Error::Interrupted));
@@ -263,7 +293,8 @@ impl Sweep<'_> {
         let (mut canvas, mut own) = (None, false);
         // The last picture lies on top.
         for placed in self.placed.iter().rev().filter(|placed| placed.level <= square.level) {
-            if !placed.may_show(square) {
+            let (start, side) = ((square.left as f64, square.top as f64), square.side as f64);
+            if !placed.may_show(square.level, start, (side, side)) {
                 continue;
             }
             let layer = resample(placed, square).map_err(|error| error.at(placed.name()))?;

@@ -214,10 +214,10 @@ mod tests {
 
     #[test]
     fn a_ramp_is_rounded_and_clamped() {
-        let samples: Vec<u8> = [99_u16, 100, 150, 200, 900].iter().flat_map(|v| v.to_ne_bytes()).collect();
+        let samples: Vec<u8> = [99_u16, 100, 151, 200, 900].iter().flat_map(|v| v.to_ne_bytes()).collect();
         let plane = Plane { bytes: &samples, first: 0, stride: 1 };
         let recipe = Recipe { ramps: vec![(100.0, 200.0)], ..recipe(SampleType::Uint16, &[0]) };
-        assert_eq!(recipe.pixels(&[plane], 5).colour, [0, 0, 128, 255, 255]);
+        assert_eq!(recipe.pixels(&[plane], 5).colour, [0, 0, 130, 255, 255]);
     }
 
     #[test]

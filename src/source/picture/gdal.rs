@@ -18,7 +18,7 @@ use zerocopy::{Immutable, IntoBytes};
 use super::blocks::{Blocks, Parts, Raw, Shape};
 use super::convert::Recipe;
 use super::tiff::{choose, plain};
-use super::{PictureNote, PictureOptions, world};
+use super::{NOWHERE, PictureNote, PictureOptions, world};
 use crate::error::{Error, Result};
 use crate::geo::{Crs, Geo};
 use crate::limits::Limits;
@@ -152,12 +152,8 @@ fn parts(opened: Opened, path: &Path, options: &PictureOptions, crs: &Crs, limit
     let flags = first.mask_flags().map_err(wrong)?;
     let has_mask = !flags.is_all_valid() && !flags.is_nodata() && !flags.is_alpha();
     let nodata = first.no_data_value().map(|value| metadata::rounded(value, kind));
-    let transform = dataset.geo_transform().ok();
-    let Some(transform) = transform else {
-        return Err(Error::usage(format!(
-            "{}: it does not say where it lies: put a world file beside it, or give it its place with gdal_translate -a_ullr WEST NORTH EAST SOUTH",
-            path.display()
-        )));
+    let Ok(transform) = dataset.geo_transform() else {
+        return Err(Error::unsupported("a picture that does not say where it lies", NOWHERE));
     };
     let how = if opened.warped.is_some() { ", warped" } else { "" };
     let note = PictureNote {

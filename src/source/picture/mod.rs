@@ -33,6 +33,10 @@ use crate::texel::Colour;
 /// Memory for decoded blocks of all pictures together: those of a row of tiles over the widest strips that one meets.
 const CACHE_BYTES: usize = 512 << 20;
 
+/// What to do about a picture without a place.
+const NOWHERE: &str =
+    "put a world file beside it, or give it its place with gdal_translate -a_ullr WEST NORTH EAST SOUTH";
+
 /// Pixels of a window, row by row.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pixels {
@@ -144,10 +148,7 @@ fn place(path: &Path, mut parts: Parts, crs: &Crs) -> Result<Parts> {
     if geo.transform.is_none() {
         geo.transform = world::read(path)?;
         if geo.transform.is_none() {
-            return Err(Error::usage(format!(
-                "{}: it does not say where it lies: put a world file beside it, or give it its place with gdal_translate -a_ullr WEST NORTH EAST SOUTH",
-                path.display()
-            )));
+            return Err(Error::unsupported("a picture that does not say where it lies", NOWHERE));
         }
         if crs::is_unknown(&geo.crs) {
             geo.crs = crs.clone();
