@@ -57,8 +57,18 @@ apt() {
         >/dev/null 2>&1
 }
 
+# python MODULE DEBIAN_PACKAGE PIP_PACKAGE: sees to a module of python3.
+python() {
+    python3 -c "import $1" 2>/dev/null && return
+    apt "$2" && python3 -c "import $1" 2>/dev/null && return
+    # A python3 that is not Debian's does not see Debian's packages.
+    python3 -m pip install -q --break-system-packages "$3" >/dev/null 2>&1 ||
+        python3 -m pip install -q "$3" >/dev/null 2>&1 ||
+        printf 'MISSING, and could not be installed: the module %s of python3\n' "$1"
+}
+
 # GDAL's tools are the oracle of many tests; libgdal-dev and pkg-config are all that the gdal crate needs, whose
-# bindings come with it. Python's zstandard reads containers in the test of the format description.
+# bindings come with it. Python's zstandard and Pillow read containers in the test of the format description.
 install() {
     local packages=()
     have gdalinfo && have gdal_translate && have gdaldem || packages+=(gdal-bin)
@@ -68,12 +78,8 @@ install() {
     if ((${#packages[@]})); then
         apt "${packages[@]}" || printf 'MISSING, and could not be installed: %s\n' "${packages[*]}"
     fi
-    python3 -c 'import zstandard' 2>/dev/null && return
-    apt python3-zstandard && python3 -c 'import zstandard' 2>/dev/null && return
-    # A python3 that is not Debian's does not see Debian's packages.
-    python3 -m pip install -q --break-system-packages zstandard >/dev/null 2>&1 ||
-        python3 -m pip install -q zstandard >/dev/null 2>&1 ||
-        echo 'MISSING, and could not be installed: the module zstandard of python3'
+    python zstandard python3-zstandard zstandard
+    python PIL python3-pil pillow
 }
 
 dependencies() {

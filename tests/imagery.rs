@@ -15,6 +15,7 @@ use relevo::container::writer::{ImagerySections, ImageryWriter};
 use relevo::container::{ImageryHeader, Reader};
 use relevo::geotiff_write::{GeotiffSpec, GeotiffWriter};
 use relevo::limits::Limits;
+use relevo::pipeline::imagery::{Imagery, LayerOptions};
 use relevo::pipeline::{self, BuildOptions, Silent};
 use relevo::sample::{SampleType, VALID};
 use relevo::source::Samples;
@@ -594,4 +595,114 @@ fn add_puts_and_replaces_a_layer() {
     assert!(fs::read(&path).expect("file") == first);
     assert!(!folder.path().join("a.rlv.work").exists());
     assert_eq!(relevo(&["add", "none.rlv", "--imagery", "picture.tif"]).0, Some(2));
+}
+
+/// A picture with a band of alpha in degrees, or with a nodata value along a slanted edge.
+fn clear_picture(path: &Path, like: &Path, alpha_band: bool) {
+    let reader = Reader::open(like).expect("open");
+    let (header, mut geo) = (reader.header(), reader.geo().clone());
+    // A third of a pixel off the texels: edges fall between them.
+    let transform = geo.transform.as_mut().expect("placed");
+    transform[0] += transform[1] / 3.0;
+    let mut spec = GeotiffSpec::new(header.width, header.height, SampleType::Uint8, &geo);
+    (spec.bands, spec.force) = (if alpha_band { 4 } else { 3 }, true);
+    spec.nodata = (!alpha_band).then_some(0.0);
+    let mut writer = GeotiffWriter::create(path, &spec).expect("create");
+    let mut pixels = Vec::new();
+    for y in 0..header.height {
+        for x in 0..header.width {
+            let inside = 2 * x + y > 40;
+            let colour = if inside { [x as u8 | 1, y as u8 | 1, 90] } else { [0; 3] };
+            pixels.extend(colour);
+            if alpha_band {
+                pixels.push((x * 3 + y) as u8);
+            }
+        }
+    }
+    writer.write_rows(&Samples::Uint8(pixels)).expect("rows");
+    writer.finish().expect("finish");
+}
+
+#[test]
+fn transparency_survives_in_every_codec() {
+    let (folder, path) = begin();
+    for (alpha_band, codec) in [false, true].into_iter().flat_map(|a| Codec::ALL.map(|codec| (a, codec))) {
+        let picture = folder.path().join("clear.tif");
+        clear_picture(&picture, &path, alpha_band);
+        let codec = codec.as_str();
+        let args =
+            ["add", "a.rlv", "--imagery", "clear.tif", "--imagery-codec", codec, "--imagery-tile", "64"];
+        Command::cargo_bin("relevo")
+            .expect("binary")
+            .args(args)
+            .current_dir(folder.path())
+            .assert()
+            .success();
+        let reader = Reader::open(&path).expect("open");
+        let layer = reader.imagery().expect("layer");
+        let mut degrees = [0_u32; 3];
+        let tiles = (0..=layer.header().leaf).flat_map(|level| layer.tiles(level).expect("tiles"));
+        for id in tiles {
+            for &alpha in layer.read_tile(id).expect("tile").alpha.iter().flatten() {
+                degrees[usize::from(alpha > 0) + usize::from(alpha == 255)] += 1;
+            }
+        }
+        let [clear, between, opaque] = degrees;
+        assert!(clear > 0 && opaque > 0, "{codec}, {alpha_band}: {degrees:?}");
+        // A lossy codec keeps degrees where the picture has them; edges that only resampling has softened are cut out.
+        let cut_out = !alpha_band && matches!(codec, "jpeg" | "bc1");
+        assert_eq!(between == 0, cut_out, "{codec}, {alpha_band}: {degrees:?}");
+    }
+}
+
+#[test]
+fn a_build_with_imagery_is_a_build_and_an_add() {
+    let folder = tempfile::tempdir().expect("folder");
+    let dem = fixture("rmnp_dem_uint16.tif").to_string_lossy().into_owned();
+    let relevo = |args: &[&str]| {
+        let mut command = Command::cargo_bin("relevo").expect("binary");
+        let out = command.args(args).current_dir(folder.path()).output().expect("run");
+        (out.status.code(), String::from_utf8_lossy(&out.stderr).into_owned())
+    };
+    assert_eq!(relevo(&["build", &dem, "-o", "apart.rlv"]).0, Some(0));
+    picture_file(&folder.path().join("picture.tif"), &folder.path().join("apart.rlv"), 3);
+    let imagery = ["--imagery", "picture.tif", "--imagery-tile", "64"];
+    assert_eq!(relevo(&[&["add", "apart.rlv"][..], &imagery].concat()).0, Some(0));
+    let apart = fs::read(folder.path().join("apart.rlv")).expect("file");
+    let build = [&["build", &dem, "-o", "one.rlv", "--force"][..], &imagery].concat();
+    assert_eq!(relevo(&build), (Some(0), String::new()));
+    assert_eq!(relevo(&["verify", "one.rlv", "--source", &dem]).0, Some(0));
+    assert!(fs::read(folder.path().join("one.rlv")).expect("file") == apart);
+    // As one, and in strips.
+    let source = source::open(Path::new(&dem), &Limits::default()).expect("source");
+    let crs = &source.info().geo.crs;
+    let files = [folder.path().join("picture.tif")];
+    let pictures = open_all(&files, &PictureOptions::default(), crs, &Limits::default()).expect("open");
+    let layer =
+        Imagery { pictures: &pictures, options: LayerOptions { tile: 64, ..LayerOptions::default() } };
+    let options = BuildOptions { tile: 16, patch: 16, jobs: Some(1), force: true, ..BuildOptions::default() };
+    let plan = pipeline::plan(source.info(), &options).expect("plan");
+    let memory = (0..8).map(|x| plan.memory(&(x..x + 4))).max();
+    assert!(plan.strips(memory).expect("strips").len() > 1);
+    let built = |name: &str, options: &BuildOptions| {
+        let path = folder.path().join(name);
+        let report = pipeline::build_with(&*source, Some(&layer), &path, options, &Silent).expect("build");
+        assert!(report.imagery.is_some_and(|layer| layer.header.tiles > 0));
+        fs::read(path).expect("file")
+    };
+    assert!(built("whole.rlv", &options) == built("strips.rlv", &BuildOptions { memory, ..options.clone() }));
+    // What is wrong with a picture is said before the heights are built.
+    fs::remove_file(folder.path().join("one.rlv")).expect("remove");
+    for (args, word) in [
+        (vec!["build", &dem, "-o", "one.rlv", "--imagery", "gone.tif"], "gone.tif"),
+        (
+            vec!["build", &dem, "-o", "one.rlv", "--imagery", "picture.tif", "--imagery-tile", "66"],
+            "multiple of 4",
+        ),
+        (vec!["build", &dem, "--each", "out", "--imagery", "picture.tif"], "relevo add"),
+    ] {
+        let (code, told) = relevo(&args);
+        assert!(code == Some(2) && told.contains(word), "{told}");
+        assert!(!folder.path().join("one.rlv").exists() && !folder.path().join("one.rlv.work").exists());
+    }
 }

@@ -41,7 +41,10 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let jobs = args.jobs.map(usize::from);
     let report = imagery::add(&args.file, &pictures, &layer_options(&args.imagery)?, jobs, &show);
     show.finish();
-    let report = report?;
+    let report = report.map_err(|error| match error {
+        Error::Interrupted => Error::usage(format!("interrupted; {} is as it was", args.file.display())),
+        other => other,
+    })?;
     if args.json {
         let json = json(args, &report);
         serde_json::to_writer_pretty(&mut *out, &json).map_err(std::io::Error::from)?;

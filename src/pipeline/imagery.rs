@@ -107,13 +107,28 @@ pub struct AddReport {
 }
 
 /// Encodes tiles on the threads that made them.
-struct Sink<'a>(&'a ImageryWriter);
+struct Sink<'a> {
+    writer: &'a ImageryWriter,
+    /// Texels are shown or not, nothing between.
+    cut_out: bool,
+}
 
 impl TileSink for Sink<'_> {
-    fn tile(&self, id: TileId, children: u8, texels: Texels) -> Result<()> {
-        let chunks = picture::encode(&self.0.form(), &texels)?;
-        self.0.append(id, children, &chunks)
+    fn tile(&self, id: TileId, children: u8, mut texels: Texels) -> Result<()> {
+        if self.cut_out {
+            texels.alpha = texels.alpha.and_then(cut_out);
+        }
+        let chunks = picture::encode(&self.writer.form(), &texels)?;
+        self.writer.append(id, children, &chunks)
     }
+}
+
+/// Alpha with what is at least half opaque wholly so, and the rest transparent; `None` if all is opaque.
+fn cut_out(mut alpha: Vec<u8>) -> Option<Vec<u8>> {
+    for alpha in &mut alpha {
+        *alpha = if *alpha >= 128 { 255 } else { 0 };
+    }
+    alpha.contains(&0).then_some(alpha)
 }
 
 /// Makes a layer over heights that lie at `geo`, whose root square has so many intervals. Its files go to `folder`, which must be there. Runs on
@@ -136,6 +151,9 @@ pub fn layer(
         tiles: 0,
     };
     let writer = ImageryWriter::create(folder, header)?;
+    // Where pixels are transparent or not, degrees come from resampling only: not worth their bytes beside a lossy colour.
+    let lossy = matches!(options.codec, Codec::Jpeg | Codec::Bc1);
+    let cut_out = lossy && !pictures.iter().any(|picture| picture.info().has_alpha);
     let grid = TexelGrid { tile: options.tile, intervals };
     let watch = |stage| {
         move |done, total| {
@@ -143,8 +161,14 @@ pub fn layer(
             !observer.cancelled()
         }
     };
-    let pyramid =
-        imagery::build(pictures, geo, &grid, options.resolution, &Sink(&writer), &watch(Stage::Imagery))?;
+    let pyramid = imagery::build(
+        pictures,
+        geo,
+        &grid,
+        options.resolution,
+        &Sink { writer: &writer, cut_out },
+        &watch(Stage::Imagery),
+    )?;
     let sections = writer.finish(&mut watch(Stage::Write))?;
     let note = note(&sections.header, options.resolution, &pyramid);
     Ok(Layer { sections, note, pyramid })

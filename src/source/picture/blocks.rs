@@ -49,6 +49,8 @@ pub(super) struct Parts {
     pub(super) recipe: Recipe,
     pub(super) geo: Geo,
     pub(super) note: PictureNote,
+    /// See [`PictureInfo::has_alpha`].
+    pub(super) has_alpha: bool,
     /// A raster of the same size, 0 where the picture is transparent.
     pub(super) mask: Option<(Box<dyn Blocks>, Recipe)>,
 }
@@ -189,6 +191,7 @@ impl BlockPicture {
                 width: shape.width,
                 height: shape.height,
                 kind,
+                has_alpha: parts.has_alpha,
                 geo: parts.geo,
                 note: parts.note,
             },

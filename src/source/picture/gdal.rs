@@ -142,11 +142,9 @@ fn parts(opened: Opened, path: &Path, options: &PictureOptions, crs: &Crs, limit
     let shape = shape(&first, limits)?;
     let kind = sample_type(&first)?;
     let count = dataset.raster_count();
-    let is_alpha = |band: &usize| {
-        let band = dataset.rasterband(band + 1);
-        band.is_ok_and(|band| band.color_interpretation() == ColorInterpretation::AlphaBand)
-    };
-    let own = (0..count).find(is_alpha);
+    let own = alpha_band(dataset);
+    // Warping gives every picture an alpha band.
+    let has_alpha = alpha_band(&opened.source).is_some();
     let palette = palette(&first);
     let (colours, alpha) = choose(count, own, options.bands.as_deref(), palette.is_some())?;
     let flags = first.mask_flags().map_err(wrong)?;
@@ -170,7 +168,15 @@ fn parts(opened: Opened, path: &Path, options: &PictureOptions, crs: &Crs, limit
     };
     let mask = has_mask.then(|| (blocks(true, SampleType::Uint8), Recipe { colours: vec![0], ..plain() }));
     let geo = Geo { transform: Some(transform), pixel_is_point: false, crs: crs.clone() };
-    Ok(Parts { blocks: blocks(false, kind), recipe, geo, note, mask })
+    Ok(Parts { blocks: blocks(false, kind), recipe, geo, note, has_alpha, mask })
+}
+
+/// The first band that is alpha, from 0.
+fn alpha_band(dataset: &Dataset) -> Option<usize> {
+    (0..dataset.raster_count()).find(|band| {
+        let band = dataset.rasterband(band + 1);
+        band.is_ok_and(|band| band.color_interpretation() == ColorInterpretation::AlphaBand)
+    })
 }
 
 fn shape(band: &RasterBand<'_>, limits: &Limits) -> Result<Shape> {

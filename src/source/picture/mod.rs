@@ -55,6 +55,8 @@ pub struct PictureInfo {
     pub height: u32,
     /// What its colours are.
     pub kind: Colour,
+    /// True if it has an alpha band, in which there are degrees of transparency; a mask or a nodata value knows none.
+    pub has_alpha: bool,
     /// Where it lies.
     pub geo: Geo,
     /// What people should know of it.

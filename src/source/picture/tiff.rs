@@ -34,7 +34,8 @@ pub(super) fn open(path: &Path, options: &PictureOptions, limits: &Limits) -> Re
         let recipe = Recipe { kind: SampleType::Uint8, is_bit, colours: vec![0], ..plain() };
         (Box::new(mask) as Box<dyn Blocks>, recipe)
     });
-    Ok(Parts { blocks: Box::new(raster), recipe, geo: meaning.geo, note, mask })
+    let has_alpha = recipe.alpha.is_some();
+    Ok(Parts { blocks: Box::new(raster), recipe, geo: meaning.geo, note, has_alpha, mask })
 }
 
 /// One band of bytes.
