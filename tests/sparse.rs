@@ -14,7 +14,7 @@ use relevo::geo::Geo;
 use relevo::pipeline::reach::Extent;
 use relevo::pipeline::{self, BuildOptions, Silent};
 use relevo::sample::SampleType;
-use relevo::source::{Fingerprint, Rect, Samples, Source, SourceInfo, Window};
+use relevo::source::{Fingerprint, Part, Rect, Samples, Source, SourceInfo, Window};
 use relevo::verify::{VerifyOptions, verify};
 
 const VOID: i16 = -32768;
@@ -128,6 +128,23 @@ fn strip(count: u32, square: u32) -> Vec<Rect> {
         Rect { columns: x as u32..x as u32 + square, rows: y as u32..y as u32 + square }
     };
     (0..count).map(rect).collect()
+}
+
+#[test]
+fn metadata_have_room_for_any_number_of_sources() {
+    let folder = tempfile::tempdir().expect("folder");
+    let mut source = Patches::new((60, 60), vec![Rect { columns: 0..60, rows: 0..60 }]);
+    let part = |i: usize| Part {
+        name: format!("a_file_with_quite_a_long_name_{i}.tif"),
+        description: "GeoTIFF through GDAL; gdalwarp with many words".repeat(9),
+    };
+    source.info.parts = (0..5000).map(part).collect();
+    let output = folder.path().join("many.rlv");
+    pipeline::build(&source, &output, &BuildOptions::default(), &Silent).expect("build");
+    let reader = Reader::open(&output).expect("open");
+    let metadata = reader.metadata();
+    assert!(metadata.sources.len() > 20 && metadata.sources[20].name == source.info.parts[20].name);
+    assert_eq!(metadata.sources.len() as u64 + metadata.more_sources, 5000);
 }
 
 #[test]

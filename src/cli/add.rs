@@ -11,7 +11,7 @@ use serde_json::json;
 use crate::cli::Outcome;
 use crate::cli::imagery::Imagery;
 use crate::cli::progress::{Mode, Show};
-use crate::cli::table::{Table, bytes, grouped, seconds};
+use crate::cli::table::{Table, bytes, grouped, seconds, short};
 
 /// Put imagery into a .rlv file, or other imagery in its place; the heights stay as they are
 #[derive(clap::Args)]
@@ -74,23 +74,29 @@ fn print(args: &Args, report: &AddReport, out: &mut dyn Write) -> std::io::Resul
 /// Says what a layer has become.
 pub fn print_layer(layer: &LayerReport, out: &mut dyn Write) -> std::io::Result<()> {
     let header = &layer.header;
-    let tiles = grouped(header.tiles);
-    writeln!(
-        out,
-        "imagery: {}, {tiles} tiles of {} texels, {}",
-        bytes(layer.bytes),
-        header.tile,
-        header.codec
-    )?;
+    let tiles = if header.tiles == 1 { "1 tile".to_owned() } else { grouped(header.tiles) + " tiles" };
+    writeln!(out, "imagery: {}, {tiles} of {} texels, {}", bytes(layer.bytes), header.tile, header.codec)?;
     for picture in &layer.pyramid.pictures {
         let (note, level) = (&picture.note, picture.level);
-        writeln!(out, "  {}: level {level}; {}", note.name, note.description)?;
+        let how = rule(&note.bands, &note.stretch);
+        writeln!(out, "  {}: level {level}; {}{how}", note.name, note.description)?;
     }
     let mut table = Table::new(&["level", "tiles", "bytes"]);
     for (level, &(tiles, size)) in layer.levels.iter().enumerate() {
         table.row(vec![level.to_string(), grouped(tiles), bytes(size)]);
     }
     table.print(out)
+}
+
+/// Which bands became colours and what they were stretched from; nothing if they were taken as they are.
+pub fn rule(bands: &[u32], stretch: &[(f64, f64)]) -> String {
+    let taken_as_they_are = bands == [1] || bands == [1, 2, 3];
+    let bands: Vec<String> = bands.iter().map(ToString::to_string).collect();
+    let ramps: Vec<String> =
+        stretch.iter().map(|(low, high)| format!("{} to {}", short(*low), short(*high))).collect();
+    let bands = (!taken_as_they_are).then(|| format!("; bands {}", bands.join(", ")));
+    let stretch = (!ramps.is_empty()).then(|| format!("; stretched from {}", ramps.join(", ")));
+    bands.into_iter().chain(stretch).collect()
 }
 
 fn json(args: &Args, report: &AddReport) -> serde_json::Value {

@@ -12,7 +12,11 @@ use relevo::sample::Coding;
 use serde_json::{Value, json};
 
 use crate::cli::Outcome;
+use crate::cli::add::rule;
 use crate::cli::table::{Table, bytes, grouped, short};
+
+/// Sources that are named.
+const SOURCES: usize = 12;
 
 /// What a file is: coordinate system, levels, sections, sizes
 #[derive(clap::Args)]
@@ -99,7 +103,8 @@ fn print_imagery(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     )?;
     let Some(note) = &reader.metadata().imagery else { return Ok(()) };
     for source in &note.sources {
-        line("picture", format!("{}: {}", source.name, source.description))?;
+        let how = rule(&source.bands, &source.stretch);
+        line("picture", format!("{}: {}{how}", source.name, source.description))?;
     }
     match note.pictures.saturating_sub(note.sources.len() as u64) {
         0 => Ok(()),
@@ -146,8 +151,12 @@ fn print(reader: &Reader, file: &Path, out: &mut dyn Write) -> io::Result<()> {
     let crs = &metadata.crs;
     writeln!(out, "{}: {}, made by {}", file.display(), bytes(reader.file_len()), metadata.tool)?;
     let mut line = |name: &str, text: String| writeln!(out, "  {name:<10} {text}");
-    for source in &metadata.sources {
+    for source in metadata.sources.iter().take(SOURCES) {
         line("source", format!("{}: {}", source.name, source.description))?;
+    }
+    match metadata.more_sources + metadata.sources.len().saturating_sub(SOURCES) as u64 {
+        0 => {}
+        more => line("", format!("and {} more", grouped(more)))?,
     }
     line("lattice", format!("{} x {} {}", header.width, header.height, header.source_type.gdal_name()))?;
     let heights = match header.coding {

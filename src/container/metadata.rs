@@ -22,8 +22,11 @@ pub struct Metadata {
     pub bounds: Option<[f64; 4]>,
     /// Name of the vertical unit; empty if unknown.
     pub vertical_unit: String,
-    /// The rasters that the file was made of.
+    /// The rasters that the file was made of, or the first of them: as many as there is room for.
     pub sources: Vec<SourceNote>,
+    /// How many more there were.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub more_sources: u64,
     /// What the build was asked for: an object.
     pub options: Value,
     /// The levels, root first.
@@ -31,6 +34,11 @@ pub struct Metadata {
     /// The imagery layer, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub imagery: Option<ImageryNote>,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
+fn is_zero(number: &u64) -> bool {
+    *number == 0
 }
 
 /// What an imagery layer was made of.

@@ -18,6 +18,9 @@ use crate::pipeline::tally::Tally;
 use crate::pipeline::{BuildOptions, Observer, Report, Stage, plan};
 use crate::source::{Part, SourceInfo};
 
+/// Bytes of metadata that the list of sources may take.
+const SOURCES_BYTES: usize = 20 << 10;
+
 /// Joins finished windows that cover the raster.
 pub fn merge(pieces: &[PathBuf], output: &Path, force: bool, observer: &dyn Observer) -> Result<Report> {
     let start = Instant::now();
@@ -175,21 +178,30 @@ fn all_void(info: &SourceInfo, plan: &Plan) -> Error {
 }
 
 fn metadata(info: &SourceInfo, plan: &Plan, statistics: &Statistics, options: &BuildOptions) -> Metadata {
+    let sources = source_notes(&info.parts);
     Metadata {
         tool: concat!("relevo ", env!("CARGO_PKG_VERSION")).to_owned(),
         crs: info.geo.crs.clone(),
         pixel_is_point: info.geo.pixel_is_point,
         bounds: info.geo.transform.map(|_| info.geo.bounds(info.width, info.height)),
         vertical_unit: info.vertical_unit.1.clone(),
-        sources: info.parts.iter().map(source_note).collect(),
+        more_sources: (info.parts.len() - sources.len()) as u64,
+        sources,
         options: plan.options_json(options, info),
         levels: statistics.levels.iter().map(level_note).collect(),
         imagery: None,
     }
 }
 
-fn source_note(part: &Part) -> SourceNote {
-    SourceNote { name: part.name.clone(), description: part.description.clone() }
+/// The first of the files: they share the first 64 KiB of the container with much else.
+fn source_notes(parts: &[Part]) -> Vec<SourceNote> {
+    let mut room = SOURCES_BYTES;
+    let fits = |note: &SourceNote| {
+        room = room.saturating_sub(serde_json::to_vec(note).map_or(0, |json| json.len() + 1));
+        room > 0
+    };
+    let note = |part: &Part| SourceNote { name: part.name.clone(), description: part.description.clone() };
+    parts.iter().map(note).take_while(fits).collect()
 }
 
 fn level_note(level: &LevelStatistics) -> LevelNote {

@@ -213,6 +213,6 @@ pub(crate) fn kinds<'a>(mut infos: impl Iterator<Item = &'a SourceInfo>) -> Stri
     let first = infos.next().map(|info| info.description.clone()).unwrap_or_default();
     match infos.filter(|info| info.description != first).count() {
         0 => first,
-        others => format!("{first}; {others} others"),
+        others => format!("{first}, and {others} more"),
     }
 }
