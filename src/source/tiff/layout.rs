@@ -3,9 +3,12 @@
 //! Everything is checked here against [`Limits`] and against itself, so that later steps only meet numbers that make
 //! sense. What the file needs and this reader lacks is refused by its name. No sample is touched here.
 
+mod tags;
+
 use tiff::Directory;
 use tiff::tags::Tag;
 
+use self::tags::{block_side, compression, jpeg, predictor, rows_per_strip, side, stored, unsupported};
 use super::directory::{Reader, place};
 use crate::error::{Error, Result};
 use crate::limits::Limits;
@@ -297,117 +300,6 @@ impl Layout {
             None => return Err(missing(counts)),
         };
         Ok(())
-    }
-}
-
-fn unsupported(what: impl Into<String>) -> Error {
-    Error::unsupported(what, crate::source::open::NEEDS_GDAL)
-}
-
-fn side(reader: &mut Reader<'_>, directory: &Directory, tag: Tag, limits: &Limits) -> Result<u32> {
-    let value = reader.required(directory, tag)?;
-    if value == 0 {
-        return Err(Error::format(place(tag), "at least 1", 0));
-    }
-    if u64::from(value) > limits.raster_side {
-        let what =
-            if tag == Tag::ImageWidth { "the width of the raster" } else { "the height of the raster" };
-        return Err(Error::limit(what, u64::from(value), limits.raster_side));
-    }
-    Ok(value)
-}
-
-fn block_side(reader: &mut Reader<'_>, directory: &Directory, tag: Tag) -> Result<u32> {
-    match reader.required(directory, tag)? {
-        0 => Err(Error::format(place(tag), "at least 1", 0)),
-        value => Ok(value),
-    }
-}
-
-fn rows_per_strip(reader: &mut Reader<'_>, directory: &Directory, height: u32) -> Result<u32> {
-    match reader.integer(directory, Tag::RowsPerStrip)? {
-        None => Ok(height),
-        Some(0) => Err(Error::format(place(Tag::RowsPerStrip), "at least 1", 0)),
-        Some(rows) => Ok(u32::try_from(rows).unwrap_or(u32::MAX).min(height)),
-    }
-}
-
-fn compression(reader: &mut Reader<'_>, directory: &Directory, purpose: Purpose) -> Result<Compression> {
-    let name = match reader.integer(directory, Tag::Compression)?.unwrap_or(1) {
-        1 => return Ok(Compression::None),
-        5 => return Ok(Compression::Lzw),
-        8 | 32946 => return Ok(Compression::Deflate),
-        32773 => return Ok(Compression::PackBits),
-        50000 => return Ok(Compression::Zstd),
-        7 if purpose == Purpose::Picture => return Ok(Compression::Jpeg),
-        2..=4 | 32771 => "fax",
-        6 | 7 => "JPEG",
-        34712 => "JPEG 2000",
-        34887 => "LERC",
-        34892 => "lossy JPEG (DNG)",
-        34925 => "LZMA",
-        50001 => "WebP",
-        50002 | 52546 => "JPEG XL",
-        other => return Err(unsupported(format!("compression {other}"))),
-    };
-    Err(unsupported(format!("{name} compression")))
-}
-
-/// Tables that all blocks share, and whether the blocks are YCbCr: anything else is taken as it is.
-fn jpeg(reader: &mut Reader<'_>, directory: &Directory) -> Result<(Vec<u8>, bool)> {
-    let tables = reader.integers(directory, Tag::JPEGTables)?.unwrap_or_default();
-    let tables = tables.into_iter().map(|byte| byte as u8).collect();
-    Ok((tables, reader.integer(directory, Tag::PhotometricInterpretation)? == Some(6)))
-}
-
-fn stored(reader: &mut Reader<'_>, directory: &Directory) -> Result<Stored> {
-    let bits = reader.integers(directory, Tag::BitsPerSample)?.unwrap_or_default();
-    let first = bits.first().copied().unwrap_or(1);
-    if bits.iter().any(|&other| other != first) {
-        return Err(unsupported(format!("bands of different widths ({bits:?} bits)")));
-    }
-    let format = reader.integer(directory, Tag::SampleFormat)?.unwrap_or(1);
-    let kind = match (first, format) {
-        (1, _) => return Ok(Stored::Bit),
-        (8, 2) => SampleType::Int8,
-        (16, 2) => SampleType::Int16,
-        (32, 2) => SampleType::Int32,
-        // Format 4 is "undefined"; GDAL takes it for unsigned too.
-        (8, 1 | 4) => SampleType::Uint8,
-        (16, 1 | 4) => SampleType::Uint16,
-        (32, 1 | 4) => SampleType::Uint32,
-        (32, 3) => SampleType::Float32,
-        (64, 3) => SampleType::Float64,
-        (bits, 1 | 4) => return Err(unsupported(format!("{bits}-bit unsigned samples"))),
-        (bits, 2) => return Err(unsupported(format!("{bits}-bit signed samples"))),
-        (bits, 3) => return Err(unsupported(format!("{bits}-bit floating-point samples"))),
-        (bits, 5 | 6) => return Err(unsupported(format!("{bits}-bit complex samples"))),
-        (_, other) => return Err(Error::format(place(Tag::SampleFormat), "1 to 6", other)),
-    };
-    Ok(Stored::Number(kind))
-}
-
-/// The predictor, where the compression knows one at all.
-fn predictor(
-    reader: &mut Reader<'_>,
-    directory: &Directory,
-    compression: Compression,
-    stored: Stored,
-) -> Result<Predictor> {
-    if matches!(compression, Compression::None | Compression::PackBits | Compression::Jpeg) {
-        return Ok(Predictor::None);
-    }
-    let is_float = matches!(stored, Stored::Number(kind) if kind.is_float());
-    match reader.integer(directory, Tag::Predictor)?.unwrap_or(1) {
-        1 => Ok(Predictor::None),
-        2 if stored != Stored::Bit => Ok(Predictor::Horizontal),
-        3 if is_float => Ok(Predictor::FloatingPoint),
-        number @ (2 | 3) => Err(Error::format(
-            place(Tag::Predictor),
-            "one that suits the samples",
-            format!("predictor {number} for samples of {} bits", stored.bits()),
-        )),
-        other => Err(unsupported(format!("predictor {other}"))),
     }
 }
 
