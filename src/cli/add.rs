@@ -18,8 +18,6 @@ use crate::cli::table::{Table, bytes, grouped, seconds, short};
 pub struct Args {
     /// The .rlv file. Until all is done it stays as it is
     file: PathBuf,
-    #[command(flatten)]
-    imagery: Imagery,
     /// Threads [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
@@ -29,6 +27,8 @@ pub struct Args {
     /// The report as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    imagery: Imagery,
 }
 
 /// Adds, and says what was made.

@@ -43,10 +43,6 @@ pub struct Args {
     /// Quantise heights to this many metres (off by at most half of it); lossless without
     #[arg(long, value_name = "M")]
     precision: Option<f64>,
-    #[command(flatten)]
-    pub(super) source: SourceArgs,
-    #[command(flatten)]
-    pub(super) imagery: Imagery,
     /// Threads [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
@@ -77,6 +73,10 @@ pub struct Args {
     /// The report (or the plan) as JSON
     #[arg(long)]
     pub(super) json: bool,
+    #[command(flatten)]
+    pub(super) source: SourceArgs,
+    #[command(flatten)]
+    pub(super) imagery: Imagery,
 }
 
 /// Builds, or plans.

@@ -22,8 +22,6 @@ pub struct Args {
     /// The DEM it was built from: compare every sample
     #[arg(long, value_name = "DEM", num_args = 1..)]
     pub(super) source: Vec<PathBuf>,
-    #[command(flatten)]
-    pub(super) reading: SourceArgs,
     /// Recompute every error by brute force, at full resolution in memory
     #[arg(long)]
     pub(super) deep: bool,
@@ -33,6 +31,8 @@ pub struct Args {
     /// As JSON
     #[arg(long)]
     pub(super) json: bool,
+    #[command(flatten)]
+    pub(super) reading: SourceArgs,
 }
 
 impl Args {
