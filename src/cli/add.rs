@@ -80,12 +80,28 @@ pub fn print_layer(layer: &LayerReport, out: &mut dyn Write) -> std::io::Result<
         let (note, level) = (&picture.note, picture.level);
         let how = rule(&note.bands, &note.stretch);
         writeln!(out, "  {}: level {level}; {}{how}", note.name, note.description)?;
+        if let Some(other) = better_tile(header.tile, picture.pixels_per_texel) {
+            let (x, y) = picture.pixels_per_texel;
+            let (x, y) = (short(x), short(y));
+            writeln!(
+                out,
+                "    a texel is {x} x {y} pixels; --imagery-tile {other} would make them as large as each other"
+            )?;
+        }
     }
     let mut table = Table::new(&["level", "tiles", "bytes"]);
     for (level, &(tiles, size)) in layer.levels.iter().enumerate() {
         table.row(vec![level.to_string(), grouped(tiles), bytes(size)]);
     }
     table.print(out)
+}
+
+/// The size of tiles with which texels are as large as pixels, if this one's are not, by a twentieth.
+fn better_tile(tile: u32, (x, y): (f64, f64)) -> Option<u32> {
+    let pixels = (x * y).sqrt();
+    let better = (f64::from(tile) * pixels / 4.0).round() * 4.0;
+    let differs = (pixels - 1.0).abs() > 0.05 && (64.0..=4096.0).contains(&better);
+    (differs && better != f64::from(tile)).then_some(better as u32)
 }
 
 /// Which bands became colours and what they were stretched from; nothing if they were taken as they are.

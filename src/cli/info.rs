@@ -158,6 +158,9 @@ fn print(reader: &Reader, file: &Path, out: &mut dyn Write) -> io::Result<()> {
         0 => {}
         more => line("", format!("and {} more", grouped(more)))?,
     }
+    if let Some(overlap) = metadata.options.get("overlap").and_then(|word| word.as_str()) {
+        line("overlap", format!("{overlap}, where files overlap"))?;
+    }
     line("lattice", format!("{} x {} {}", header.width, header.height, header.source_type.gdal_name()))?;
     let heights = match header.coding {
         Coding::Integer { scale, .. } if header.quantisation_error > 0.0 => {

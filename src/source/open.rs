@@ -143,7 +143,7 @@ pub struct OpenOptions {
     pub nodata: Option<f64>,
     /// Which sample counts where files overlap.
     pub overlap: Overlap,
-    /// Metres and name of the vertical unit of every file, instead of what it says itself; see [`unit::parse`].
+    /// Metres and name of the vertical unit of every file, instead of what it says itself; see [`super::unit::parse`].
     pub vertical_unit: Option<(f64, String)>,
     /// True if the samples are depths, positive down: heights are their negatives.
     pub depth: bool,
