@@ -16,6 +16,8 @@ use relevo::source::{self, Fingerprint};
 use relevo::texel::{Colour, Texels};
 use relevo::{Error, TileId};
 
+/// A lattice that fills its root square, whatever it is.
+const ALL: (u32, u32) = (u32::MAX, u32::MAX);
 const TILE: u32 = 64;
 
 /// A picture in memory.
@@ -99,10 +101,19 @@ type Tiles = BTreeMap<TileId, (u8, Texels)>;
 
 /// Over a lattice whose sample (c, r) stands at world (c, -r), unless `geo` says otherwise.
 fn build(pictures: &[Painting], geo: &Geo, intervals: u64) -> relevo::Result<Tiles> {
+    build_over(pictures, geo, intervals, ALL)
+}
+
+fn build_over(
+    pictures: &[Painting],
+    geo: &Geo,
+    intervals: u64,
+    samples: (u32, u32),
+) -> relevo::Result<Tiles> {
     let pictures: Vec<Box<dyn Picture>> =
         pictures.iter().map(|picture| Box::new(picture.clone()) as Box<dyn Picture>).collect();
     let shelf = Shelf::default();
-    let grid = TexelGrid { tile: TILE, intervals };
+    let grid = TexelGrid { tile: TILE, intervals, samples };
     let report = imagery::build(&pictures, geo, &grid, Resolution::Closest, &shelf, &|done, total| {
         assert!(done <= total);
         true
@@ -454,7 +465,7 @@ fn any_number_of_threads_gives_the_same() {
 fn who_wants_to_stop_is_heard() {
     let picture = painting((500, 500), Colour::Grey, false, [0.0, 0.1, 0.0, 0.0, 0.0, -0.1], 1);
     let pictures: Vec<Box<dyn Picture>> = vec![Box::new(picture)];
-    let grid = TexelGrid { tile: TILE, intervals: 64 };
+    let grid = TexelGrid { tile: TILE, intervals: 64, samples: ALL };
     let shelf = Shelf::default();
     let stopped =
         imagery::build(&pictures, &lattice(), &grid, Resolution::Closest, &shelf, &|done, _| done < 5);
@@ -463,10 +474,44 @@ fn who_wants_to_stop_is_heard() {
 }
 
 #[test]
+fn tiles_beside_the_heights_are_not_made() {
+    let picture = |seed, scale: f64| {
+        painting((600, 500), Colour::Rgb, true, [-20.0, scale, 0.0, 9.0, 0.0, -scale], seed)
+    };
+    let pictures = [picture(3, 0.19), picture(4, 0.08)];
+    let whole = build(&pictures, &lattice(), 64).expect("tiles");
+    let (columns, rows) = (41.0, 23.0);
+    let part = build_over(&pictures, &lattice(), 64, (41, 23)).expect("tiles");
+    // Where a tile begins, and how large a texel is, in intervals.
+    let place = |id: &TileId| {
+        let side = 64.0 / f64::from(1_u32 << id.level);
+        (f64::from(id.x) * side, f64::from(id.y) * side, side / f64::from(TILE))
+    };
+    let over = |id: &&TileId| place(id).0 < columns && place(id).1 < rows;
+    assert!(part.len() < whole.len());
+    assert_eq!(part.keys().collect::<Vec<_>>(), whole.keys().filter(over).collect::<Vec<_>>());
+    let mut compared = 0;
+    for (id, (_, texels)) in &part {
+        let (x, y, size) = place(id);
+        for at in 0..TILE * TILE {
+            let (i, j) = (at % TILE, at / TILE);
+            if x + f64::from(i + 1) * size <= columns && y + f64::from(j + 1) * size <= rows {
+                let (i, j) = (i64::from(i), i64::from(j));
+                let (here, there) = (texel(texels, i, j), texel(&whole[id].1, i, j));
+                // What is wholly transparent takes its colour from all of its tile.
+                assert!(here == there || (here.1, there.1) == (0, 0), "{id}, {i}, {j}: {here:?}, {there:?}");
+                compared += 1;
+            }
+        }
+    }
+    assert!(compared > 100_000);
+}
+
+#[test]
 fn a_picture_elsewhere_is_an_error_that_names_it() {
     let picture = painting((50, 50), Colour::Grey, false, [1000.0, 1.0, 0.0, 0.0, 0.0, -1.0], 7);
     let error = build(std::slice::from_ref(&picture), &lattice(), 64).expect_err("outside").to_string();
-    assert!(error.contains("painting 7") && error.contains("outside"), "{error}");
+    assert!(error.contains("painting 7") && error.contains("beside the heights"), "{error}");
     let mut nowhere = picture.clone();
     nowhere.info.geo.transform = None;
     assert!(build(&[nowhere], &lattice(), 64).is_err());
@@ -528,7 +573,7 @@ fn four_million_texels_of_width_with_little_in_them() {
         PictureInfo { width: 1 << 22, height: 20_000, kind: Colour::Grey, has_alpha: false, geo, note };
     let pictures: Vec<Box<dyn Picture>> = vec![Box::new(Archipelago { info })];
     let shelf = Shelf::default();
-    let grid = TexelGrid { tile: TILE, intervals: 1 << 22 };
+    let grid = TexelGrid { tile: TILE, intervals: 1 << 22, samples: ALL };
     let report = imagery::build(&pictures, &lattice(), &grid, Resolution::Closest, &shelf, &|_, _| true);
     let report = report.expect("tiles");
     check_structure(&shelf.0.into_inner().expect("alone"));
@@ -557,7 +602,7 @@ fn open(path: &Path, crs: &Crs) -> Vec<Box<dyn Picture>> {
 fn real(name: &str, geo: &Geo, intervals: u64) -> Option<(Tiles, imagery::PyramidReport)> {
     let pictures = open(&shared(name)?, &geo.crs);
     let shelf = Shelf::default();
-    let grid = TexelGrid { tile: TILE, intervals };
+    let grid = TexelGrid { tile: TILE, intervals, samples: ALL };
     let report =
         imagery::build(&pictures, geo, &grid, Resolution::Closest, &shelf, &|_, _| true).expect("tiles");
     let tiles = shelf.0.into_inner().expect("alone");

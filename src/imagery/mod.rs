@@ -38,6 +38,8 @@ pub struct TexelGrid {
     pub tile: u32,
     /// Intervals of the lattice along the root square, `T * 2^L`.
     pub intervals: u64,
+    /// Columns and rows of samples that the lattice has: tiles wholly beside them are not made.
+    pub samples: (u32, u32),
 }
 
 /// Takes the tiles of an imagery layer as they are finished, from several threads, in any order.
@@ -70,7 +72,7 @@ pub struct PlacedPicture {
     pub level: u8,
     /// Its pixels that a texel of that level spans, along columns and along rows.
     pub pixels_per_texel: (f64, f64),
-    /// The part of its area inside the root square, 0 to 1.
+    /// The part of its area over the lattice, 0 to 1.
     pub inside: f64,
 }
 

@@ -39,6 +39,8 @@ pub(super) struct Placed<'a> {
     bounds: ((f64, f64), (f64, f64)),
     /// Texels along the root square at level 0.
     tile: f64,
+    /// Those of them, along columns and rows, that lie over the lattice. A sample covers half an interval on each side.
+    extent: (f64, f64),
 }
 
 impl Map {
@@ -129,13 +131,13 @@ impl<'a> Placed<'a> {
             (low, values.iter().copied().fold(f64::NEG_INFINITY, f64::max))
         };
         let bounds = (range(corners.map(|corner| corner.0)), range(corners.map(|corner| corner.1)));
-        let placed = Self { picture, level, map, corners, bounds, tile };
+        let over = |samples: u32| (f64::from(samples) / step).min(tile);
+        let extent = (over(grid.samples.0), over(grid.samples.1));
+        let placed = Self { picture, level, map, corners, bounds, tile, extent };
         if placed.inside() > 0.0 {
             return Ok(placed);
         }
-        Err(wrong(
-            "it lies wholly outside the square of the heights: are both in the same place and coordinate system?",
-        ))
+        Err(wrong("it lies wholly beside the heights: are both in the same place and coordinate system?"))
     }
 
     /// From texels of a level to pixels.
@@ -185,15 +187,15 @@ impl<'a> Placed<'a> {
         (span(corners.map(|corner| corner.0), info.width), span(corners.map(|corner| corner.1), info.height))
     }
 
-    /// The part of its area that lies in the root square, 0 to 1.
+    /// The part of its area that lies over the lattice, 0 to 1.
     pub(super) fn inside(&self) -> f64 {
-        let part = clip(&self.corners, (0.0, self.tile), (0.0, self.tile));
+        let part = clip(&self.corners, (0.0, self.extent.0), (0.0, self.extent.1));
         (area(&part) / area(&self.corners)).min(1.0)
     }
 
     /// Rows of tiles of a level that it touches.
     pub(super) fn rows(&self, level: u8) -> Range<u32> {
-        let part = clip(&self.corners, (0.0, self.tile), (0.0, self.tile));
+        let part = clip(&self.corners, (0.0, self.extent.0), (0.0, self.extent.1));
         self.tiles(level, part.iter().map(|corner| corner.1))
     }
 
@@ -201,7 +203,7 @@ impl<'a> Placed<'a> {
     pub(super) fn columns(&self, level: u8, row: u32) -> Range<u32> {
         let side = self.tile / 2.0_f64.powi(i32::from(level));
         let (top, bottom) = (f64::from(row) * side, (f64::from(row) + 1.0) * side);
-        let part = clip(&self.corners, (0.0, self.tile), (top, bottom));
+        let part = clip(&self.corners, (0.0, self.extent.0), (top, bottom.min(self.extent.1)));
         self.tiles(level, part.iter().map(|corner| corner.0))
     }
 

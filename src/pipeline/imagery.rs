@@ -63,10 +63,27 @@ pub struct Imagery<'a> {
 }
 
 impl Imagery<'_> {
-    /// Finds out whether the pictures can be laid over heights that lie at `geo`, whose root square has so many intervals.
-    pub fn check(&self, geo: &Geo, intervals: u64) -> Result<()> {
-        let grid = TexelGrid { tile: self.options.tile, intervals };
-        imagery::place(self.pictures, geo, &grid, self.options.resolution).map(|_| ())
+    /// Finds out whether the pictures can be laid over the heights.
+    pub fn check(&self, ground: &Ground<'_>) -> Result<()> {
+        imagery::place(self.pictures, ground.geo, &ground.grid(self.options.tile), self.options.resolution)
+            .map(|_| ())
+    }
+}
+
+/// The heights, as far as imagery needs to know them.
+#[derive(Clone, Copy)]
+pub struct Ground<'a> {
+    /// Where the lattice lies.
+    pub geo: &'a Geo,
+    /// Intervals along the root square.
+    pub intervals: u64,
+    /// Columns and rows of the lattice.
+    pub samples: (u32, u32),
+}
+
+impl Ground<'_> {
+    fn grid(&self, tile: u32) -> TexelGrid {
+        TexelGrid { tile, intervals: self.intervals, samples: self.samples }
     }
 }
 
@@ -131,11 +148,10 @@ fn cut_out(mut alpha: Vec<u8>) -> Option<Vec<u8>> {
     alpha.contains(&0).then_some(alpha)
 }
 
-/// Makes a layer over heights that lie at `geo`, whose root square has so many intervals. Its files go to `folder`, which must be there. Runs on
-/// the current thread pool.
+/// Makes a layer over heights. Its files go to `folder`, which must be there. Runs on the current thread pool.
 pub fn layer(
     Imagery { pictures, options }: &Imagery<'_>,
-    (geo, intervals): (&Geo, u64),
+    ground: &Ground<'_>,
     folder: &Path,
     observer: &dyn Observer,
 ) -> Result<Layer> {
@@ -154,7 +170,7 @@ pub fn layer(
     // Where pixels are transparent or not, degrees come from resampling only: not worth their bytes beside a lossy colour.
     let lossy = matches!(options.codec, Codec::Jpeg | Codec::Bc1);
     let cut_out = lossy && !pictures.iter().any(|picture| picture.info().has_alpha);
-    let grid = TexelGrid { tile: options.tile, intervals };
+    let grid = ground.grid(options.tile);
     let watch = |stage| {
         move |done, total| {
             observer.rows(stage, done, total);
@@ -163,7 +179,7 @@ pub fn layer(
     };
     let pyramid = imagery::build(
         pictures,
-        geo,
+        ground.geo,
         &grid,
         options.resolution,
         &Sink { writer: &writer, cut_out },
@@ -227,7 +243,8 @@ pub fn add(
         let header = reader.header();
         let intervals = u64::from(header.tile()) << header.levels;
         let imagery = Imagery { pictures: &opened, options: *options };
-        let layer = layer(&imagery, (reader.geo(), intervals), work.folder(), observer)?;
+        let ground = Ground { geo: reader.geo(), intervals, samples: (header.width, header.height) };
+        let layer = layer(&imagery, &ground, work.folder(), observer)?;
         // An open file cannot be replaced on Windows.
         drop(reader);
         let mut go_on = |done, total| {

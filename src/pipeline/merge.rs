@@ -152,8 +152,7 @@ pub fn assemble(
     let mut metadata = metadata(info, plan, &statistics, options);
     let mut layer_report = None;
     if let Some(imagery) = imagery {
-        let place = (&plan.geo, plan.intervals());
-        let layer = imagery::layer(imagery, place, writer.work().folder(), observer)?;
+        let layer = imagery::layer(imagery, &plan.ground(), writer.work().folder(), observer)?;
         layer_report = Some(layer.report());
         metadata.imagery = Some(layer.note);
         writer.attach(layer.sections);

@@ -177,7 +177,7 @@ pub fn build_with(
         let mut plan = plan(source.info(), options)?;
         if let Some(imagery) = imagery {
             // What is wrong with the pictures is to be known before the heights are built.
-            imagery.check(&plan.geo, plan.intervals())?;
+            imagery.check(&plan.ground())?;
         }
         let window = Extent::of_level(&plan, plan.levels);
         let strips = plan.strips(options.memory)?;

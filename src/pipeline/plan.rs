@@ -8,6 +8,7 @@ use crate::geo::Geo;
 use crate::limits::Limits;
 use crate::patch::TileGeometry;
 use crate::pipeline::BuildOptions;
+use crate::pipeline::imagery::Ground;
 use crate::pipeline::occupied::Occupied;
 use crate::pipeline::reach::Extent;
 use crate::sample::{Coding, SampleType};
@@ -110,9 +111,9 @@ fn check_power(option: &str, value: u32, low: u32, high: u32) -> Result<()> {
 }
 
 impl Plan {
-    /// Intervals along the root square.
-    pub fn intervals(&self) -> u64 {
-        self.span(0)
+    /// What imagery needs to know of the lattice.
+    pub fn ground(&self) -> Ground<'_> {
+        Ground { geo: &self.geo, intervals: self.span(0), samples: (self.width, self.height) }
     }
 
     /// Tile columns of a level that can hold samples.
