@@ -43,8 +43,9 @@ pub struct Plan {
     pub occupied: Occupied,
     /// Threads asked for.
     pub jobs: usize,
-    /// Bytes of a sample of the source.
-    pub sample_bytes: usize,
+    /// Bytes that reading a band takes for each leaf tile: raw samples, of a mosaic also those of its files and a mask, and a row of the
+    /// blocks that they are decoded from.
+    pub band_bytes: u64,
     signed_metres: f64,
     band_offset_m: f64,
 }
@@ -91,7 +92,7 @@ pub fn plan(info: &SourceInfo, options: &BuildOptions) -> Result<Plan> {
         metres_of_value,
         geo: info.geo.clone(),
         jobs: options.jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
-        sample_bytes: info.sample_type.bytes(),
+        band_bytes: band_bytes(info, options.tile.into()),
         signed_metres: info.band_scale * info.vertical_unit.0,
         band_offset_m: info.band_offset * info.vertical_unit.0,
     })
@@ -101,6 +102,17 @@ pub fn plan(info: &SourceInfo, options: &BuildOptions) -> Result<Plan> {
 /// square, which is `most` tiles wide.
 fn tiles_along(samples: u32, span: u64, most: u32) -> u32 {
     ((u64::from(samples) - 1) / span + 1).min(most.into()) as u32
+}
+
+/// See [`Plan::band_bytes`].
+fn band_bytes(info: &SourceInfo, tile: u64) -> u64 {
+    let (samples, bytes) = ((tile + 1) * (tile + 1), info.sample_type.bytes() as u64);
+    let blocks = tile * u64::from(info.block_rows.min(info.height)) * bytes;
+    if info.parts.len() > 1 {
+        // Where files meet, blocks of those above are kept beside those below, which are being decoded.
+        return samples * (2 * bytes + 1) + 3 * blocks;
+    }
+    samples * bytes + blocks
 }
 
 fn check_power(option: &str, value: u32, low: u32, high: u32) -> Result<()> {

@@ -15,8 +15,8 @@ use crate::pipeline::run::Begun;
 use crate::pipeline::{BuildOptions, Observer, Report, Stage, merge};
 use crate::source::Source;
 
-/// Bytes that the program takes before it has read a sample.
-const PROGRAM: u64 = 24 << 20;
+/// Bytes that the program takes before it has read a sample (GDAL's libraries are large), and what is lost between allocations.
+const PROGRAM: u64 = if cfg!(feature = "gdal") { 60 << 20 } else { 40 << 20 };
 /// Columns of tiles on either side of a strip that are read with it.
 const HALO: u32 = 1;
 
@@ -123,7 +123,7 @@ impl Plan {
     /// Bytes of memory that a sweep over these columns of leaf tiles takes at most: what counts is the row with the most tiles.
     ///
     /// With lattices of `S = (T + 1)^2 s` bytes (s = 5, or 9 for float64), blocks of `B = 9 T^2`, and quarters a fourth of both: the leaf
-    /// level has four rows of lattices (north, current, the next, and one that is being read), the raw samples of one band and two
+    /// level has four rows of lattices (north, current, the next, and one that is being read), what reading a band takes and two
     /// rows of quarters; every level above has three rows of lattices, two with blocks, and two rows of quarters. Each thread has its buffers, and the program itself takes some. `BENCHMARKS.md` holds it against
     /// measured peaks.
     pub fn memory(&self, columns: &Range<u32>) -> u64 {
@@ -132,7 +132,7 @@ impl Plan {
         let blocks = (self.tile * self.tile) as u64 * 9;
         let quarters = (lattice + blocks) / 2;
         let leaves = self.occupied.widest(0, columns);
-        let mut total = leaves * (4 * lattice + samples * self.sample_bytes as u64 + quarters);
+        let mut total = leaves * (4 * lattice + self.band_bytes + quarters);
         for up in 1..=self.levels {
             total += self.occupied.widest(up, columns) * (3 * lattice + 2 * blocks + quarters);
         }

@@ -170,6 +170,24 @@ impl<T: Quadtree, R: Row> Index<T, R> {
         Ok(columns)
     }
 
+    /// The row of a tile on the way down, and the page that it stands in: `page`, or the one below, which `below` keeps.
+    fn step<'a>(
+        &self,
+        input: &Input,
+        id: TileId,
+        page: &'a Loaded<R>,
+        below: &'a mut Option<Arc<Loaded<R>>>,
+    ) -> Result<Option<(&'a Loaded<R>, &'a R)>> {
+        let (page, found) = match page.page.find(id) {
+            Found::Below(root, place) => {
+                let loaded: &'a Loaded<R> = below.insert(self.page(input, root, place, page.offset)?);
+                (loaded, loaded.page.find(id))
+            }
+            found => (page, found),
+        };
+        Ok(if let Found::Tile(entry) = found { Some((page, entry)) } else { None })
+    }
+
     fn row_from(
         &self,
         input: &Input,
@@ -178,15 +196,8 @@ impl<T: Quadtree, R: Row> Index<T, R> {
         (level, y): (u8, u32),
         columns: &mut Vec<u32>,
     ) -> Result<()> {
-        let loaded;
-        let (page, found) = match page.page.find(id) {
-            Found::Below(root, place) => {
-                loaded = self.page(input, root, place, page.offset)?;
-                (&*loaded, loaded.page.find(id))
-            }
-            found => (page, found),
-        };
-        let Found::Tile(entry) = found else { return Ok(()) };
+        let mut below = None;
+        let Some((page, entry)) = self.step(input, id, page, &mut below)? else { return Ok(()) };
         if id.level == level {
             columns.push(id.x);
             return self.check_counts(input, columns.len() as u64, 0, false);
@@ -218,15 +229,8 @@ impl<T: Quadtree, R: Row> Index<T, R> {
         to_level: u8,
         visit: &mut dyn FnMut(&R) -> Result<()>,
     ) -> Result<()> {
-        let loaded;
-        let (page, found) = match page.page.find(id) {
-            Found::Below(root, place) => {
-                loaded = self.page(input, root, place, page.offset)?;
-                (&*loaded, loaded.page.find(id))
-            }
-            found => (page, found),
-        };
-        let Found::Tile(entry) = found else { return Ok(()) };
+        let mut below = None;
+        let Some((page, entry)) = self.step(input, id, page, &mut below)? else { return Ok(()) };
         visit(entry)?;
         if id.level >= to_level {
             return Ok(());
