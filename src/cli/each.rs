@@ -263,7 +263,10 @@ fn print(jobs: &[Job], fates: &[Fate], time: f64, out: &mut dyn Write) -> io::Re
     writeln!(out, "{} in {}", all.join(", "), seconds(time))?;
     for (job, fate) in jobs.iter().zip(fates) {
         if let Fate::Failed(message) = fate {
-            writeln!(out, "  {}: {message}", job.input.display())?;
+            // Most messages begin with the name of the file.
+            let name = job.input.display().to_string();
+            let named = if message.contains(&name) { message.clone() } else { format!("{name}: {message}") };
+            writeln!(out, "  {named}")?;
         }
     }
     Ok(())

@@ -15,8 +15,8 @@ use crate::pipeline::run::Begun;
 use crate::pipeline::{BuildOptions, Observer, Report, Stage, merge};
 use crate::source::Source;
 
-/// Bytes that the program takes before it has read a sample (GDAL's libraries are large), and what is lost between allocations.
-const PROGRAM: u64 = if cfg!(feature = "gdal") { 60 << 20 } else { 40 << 20 };
+/// Bytes that the program takes before it has read a sample.
+const PROGRAM: u64 = 24 << 20;
 /// Columns of tiles on either side of a strip that are read with it.
 const HALO: u32 = 1;
 
@@ -124,8 +124,9 @@ impl Plan {
     ///
     /// With lattices of `S = (T + 1)^2 s` bytes (s = 5, or 9 for float64), blocks of `B = 9 T^2`, and quarters a fourth of both: the leaf
     /// level has four rows of lattices (north, current, the next, and one that is being read), what reading a band takes and two
-    /// rows of quarters; every level above has three rows of lattices, two with blocks, and two rows of quarters. Each thread has its buffers, and the program itself takes some. `BENCHMARKS.md` holds it against
-    /// measured peaks.
+    /// rows of quarters; every level above has three rows of lattices, two with blocks, and two rows of quarters. Each thread has its
+    /// buffers, and the program itself takes some. It is for voids everywhere; terrain without them takes less. What GDAL keeps while it
+    /// warps, and the blocks of pictures, are not in it.
     pub fn memory(&self, columns: &Range<u32>) -> u64 {
         let samples = ((self.tile + 1) * (self.tile + 1)) as u64;
         let lattice = samples * if self.recipe.coding.has_low() { 9 } else { 5 };

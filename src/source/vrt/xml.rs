@@ -8,9 +8,7 @@ use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
 use crate::source::metadata;
-
-/// What to do about a VRT that is more than files side by side.
-const HINT: &str = "build with --features gdal (needs libgdal-dev), or convert it with gdal_translate";
+use crate::source::open::NEEDS_GDAL;
 
 /// A VRT with its first band.
 #[derive(Debug, PartialEq)]
@@ -43,7 +41,7 @@ pub(super) struct VrtSource {
 
 /// Something that only GDAL reads.
 pub(super) fn unsupported(what: impl Into<String>) -> Error {
-    Error::unsupported(what, HINT)
+    Error::unsupported(what, NEEDS_GDAL)
 }
 
 /// Reads the text of the VRT at a path.
