@@ -52,6 +52,7 @@ pub mod limits;
 pub mod patch;
 pub mod pipeline;
 pub mod sample;
+pub mod select;
 pub mod simd;
 pub mod source;
 pub mod surface;

@@ -7,7 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Layer of each top module of the library; see ARCHITECTURE.md.
-const LAYERS: [(&str, u8); 22] = [
+const LAYERS: [(&str, u8); 23] = [
     ("error", 0),
     ("file", 0),
     ("error_code", 0),
@@ -23,6 +23,7 @@ const LAYERS: [(&str, u8); 22] = [
     ("imagery", 3),
     ("container", 4),
     ("pipeline", 5),
+    ("select", 5),
     ("surface", 5),
     ("geotiff_write", 5),
     ("hillshade", 5),

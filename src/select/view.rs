@@ -1,0 +1,187 @@
+//! Where things are, and how large an error is on the screen.
+
+use crate::container::{Header, Reader};
+use crate::geo::Geo;
+
+/// The flat frame that is drawn, in metres: x east, y north, z up, the origin at sample (0, 0), height 0.
+///
+/// A sample (column, row) stands at `(column * dx, -row * dy, height * exaggeration)`: one spacing for the whole raster.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// Metres from one column to the next.
+    pub dx: f64,
+    /// Metres from one row to the next.
+    pub dy: f64,
+    /// Factor of heights and of vertical errors; 1 is true to scale.
+    pub exaggeration: f64,
+}
+
+impl Frame {
+    /// The frame of a file: its spacing in the middle of the raster.
+    pub fn of(reader: &Reader) -> Self {
+        Self::new(reader.header(), reader.geo())
+    }
+
+    /// The frame of a lattice.
+    pub fn new(header: &Header, geo: &Geo) -> Self {
+        let (column, row) = (header.width / 2, header.height / 2);
+        let spacing = geo.spacing((column, column), (row, row));
+        // Where the raster's middle is a pole or the spacing is not a number, a square one keeps the picture finite.
+        let good = |metres: f64| metres.is_finite() && metres > 0.0;
+        let or = |metres: f64, other: f64| if good(metres) { metres } else if good(other) { other } else { 1.0 };
+        Self { dx: or(spacing.dx, spacing.dy), dy: or(spacing.dy, spacing.dx), exaggeration: 1.0 }
+    }
+
+    /// Where a point of the lattice stands, `height` in metres.
+    pub fn position(&self, column: f64, row: f64, height: f64) -> [f64; 3] {
+        [column * self.dx, -row * self.dy, height * self.exaggeration]
+    }
+
+    /// Column, row and height of a place of the frame.
+    pub fn lattice(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        [x / self.dx, -y / self.dy, z / self.exaggeration]
+    }
+}
+
+/// A box with sides along the axes of the frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Box3 {
+    /// Least coordinates.
+    pub low: [f64; 3],
+    /// Greatest.
+    pub high: [f64; 3],
+}
+
+impl Box3 {
+    /// Over the samples from `(left, top)`, `side` intervals wide, with heights in metres.
+    pub fn of_square(frame: &Frame, left: f64, top: f64, side: f64, low: f64, high: f64) -> Self {
+        let north_west = frame.position(left, top, low);
+        let south_east = frame.position(left + side, top + side, high);
+        Self { low: [north_west[0], south_east[1], north_west[2]], high: [south_east[0], north_west[1], south_east[2]] }
+    }
+
+    /// Distance of a point to the nearest point of the box; 0 inside.
+    pub fn distance(&self, p: [f64; 3]) -> f64 {
+        let outside = |i: usize| (self.low[i] - p[i]).max(p[i] - self.high[i]).max(0.0);
+        (outside(0).powi(2) + outside(1).powi(2) + outside(2).powi(2)).sqrt()
+    }
+
+    /// The corners.
+    pub fn corners(&self) -> [[f64; 3]; 8] {
+        std::array::from_fn(|i| std::array::from_fn(|axis| if i >> axis & 1 == 0 { self.low[axis] } else { self.high[axis] }))
+    }
+}
+
+/// A perspective camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Where it stands, in the frame.
+    pub eye: [f64; 3],
+    /// Unit vector to the right of the picture.
+    pub right: [f64; 3],
+    /// Unit vector to the top of the picture.
+    pub up: [f64; 3],
+    /// Unit vector into the picture.
+    pub forward: [f64; 3],
+    /// Tangent of half the horizontal field of view.
+    pub tan_x: f64,
+    /// Tangent of half the vertical field of view.
+    pub tan_y: f64,
+    /// Pixels across the picture.
+    pub width: u32,
+    /// Pixels down the picture.
+    pub height: u32,
+    /// Metres to the near plane; what is nearer is not drawn. Above 0.
+    pub near: f64,
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn unit(a: [f64; 3]) -> Option<[f64; 3]> {
+    let length = dot(a, a).sqrt();
+    (length > 0.0 && length.is_finite()).then(|| a.map(|c| c / length))
+}
+
+impl View {
+    /// A camera at `eye` that looks at `target` with the frame's z upwards (north, if it looks straight up or down);
+    /// `fov_y` is the vertical field of view in radians.
+    pub fn look_at(eye: [f64; 3], target: [f64; 3], fov_y: f64, (width, height): (u32, u32), near: f64) -> Self {
+        let forward = unit([target[0] - eye[0], target[1] - eye[1], target[2] - eye[2]]).unwrap_or([0.0, 1.0, 0.0]);
+        let steep = forward[2].abs() > 1.0 - 1e-9;
+        let right = unit(cross(forward, if steep { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] })).unwrap_or([1.0, 0.0, 0.0]);
+        let tan_y = (fov_y / 2.0).tan();
+        let tan_x = tan_y * f64::from(width) / f64::from(height.max(1));
+        Self { eye, right, up: cross(right, forward), forward, tan_x, tan_y, width, height, near }
+    }
+
+    /// Pixels of a unit of tangent: lambda of papers 000 and 001, `width / (2 tan(theta / 2))`.
+    pub fn lambda(&self) -> f64 {
+        f64::from(self.width) / (2.0 * self.tan_x)
+    }
+
+    /// Coordinates along right, up and forward, relative to the eye.
+    pub fn relative(&self, p: [f64; 3]) -> [f64; 3] {
+        let d = [p[0] - self.eye[0], p[1] - self.eye[1], p[2] - self.eye[2]];
+        [dot(d, self.right), dot(d, self.up), dot(d, self.forward)]
+    }
+
+    /// Where a point is on the screen, in pixels from the top left corner; `None` if it is nearer than the near plane.
+    pub fn pixel(&self, p: [f64; 3]) -> Option<[f64; 2]> {
+        let [x, y, z] = self.relative(p);
+        let lambda = self.lambda();
+        (z >= self.near).then(|| [f64::from(self.width) / 2.0 + lambda * x / z, f64::from(self.height) / 2.0 - lambda * y / z])
+    }
+
+    /// False if the whole box is outside of the picture (beyond one of its sides, or nearer than the near plane).
+    pub fn sees(&self, space: &Box3) -> bool {
+        let planes = self.planes();
+        planes.iter().all(|&([a, b, c], d)| {
+            let far = |i: usize, n: f64| if n > 0.0 { space.high[i] } else { space.low[i] };
+            a * far(0, a) + b * far(1, b) + c * far(2, c) + d >= 0.0
+        })
+    }
+
+    /// The planes of the picture's sides (right, left, top, bottom) and the near plane: `n p + d >= 0` inside.
+    pub fn planes(&self) -> [([f64; 3], f64); 5] {
+        let side = |axis: [f64; 3], tan: f64| -> [f64; 3] { std::array::from_fn(|i| self.forward[i] * tan - axis[i]) };
+        let minus = |axis: [f64; 3]| axis.map(|c| -c);
+        let normals = [
+            side(self.right, self.tan_x),
+            side(minus(self.right), self.tan_x),
+            side(self.up, self.tan_y),
+            side(minus(self.up), self.tan_y),
+        ];
+        let [a, b, c, d] = normals.map(|n| (n, -dot(n, self.eye)));
+        [a, b, c, d, (self.forward, -dot(self.forward, self.eye) - self.near)]
+    }
+
+    /// The most pixels by which an error of `metres` can move a point of a box on the screen; 0 if there is no error.
+    ///
+    /// The papers take `lambda E / d`, with the distance `d` of the box. That is what an error across the line of sight shows in the middle
+    /// of the picture; elsewhere a perspective picture is stretched. A point at relative position `q`, depth `z`, tangent
+    /// `rho = |q_xy| / z`, moves by at most `lambda E sqrt(1 + rho^2) / (z - E)`. Over the points of the box that are in the
+    /// picture, `z >= r / sqrt(1 + rho^2)` with `r >= d`; and `z` is at least the box's least depth.
+    pub fn projected(&self, space: &Box3, metres: f64) -> f64 {
+        if metres <= 0.0 {
+            return 0.0;
+        }
+        let corners = space.corners().map(|corner| self.relative(corner));
+        let least = corners.iter().fold(f64::INFINITY, |least, q| least.min(q[2]));
+        let mut rho2 = self.tan_x.powi(2) + self.tan_y.powi(2);
+        if least > 0.0 {
+            // The greatest tangent of a convex body in front of the eye is at a corner.
+            let of = |q: &[f64; 3]| (q[0] * q[0] + q[1] * q[1]) / (q[2] * q[2]);
+            rho2 = rho2.min(corners.iter().fold(0.0, |greatest, q| of(q).max(greatest)));
+        }
+        let stretch = (1.0 + rho2).sqrt();
+        let depth = least.max(self.near).max(space.distance(self.eye) / stretch);
+        let left = depth - metres;
+        if left > 0.0 { self.lambda() * metres * stretch / left } else { f64::INFINITY }
+    }
+}

@@ -1,0 +1,3 @@
+//! `relevo-viewer`.
+
+fn main() {}
