@@ -117,13 +117,22 @@ impl Meshes {
     /// The pieces that draw a patch at step `inner` with edges at `outer` (north, east, south, west).
     ///
     /// With [`EdgeRule::Shared`] outer steps are `inner` or `inner - 1`.
-    pub fn pieces(p: u8, inner: u8, outer: [u8; 4], odd: bool, rule: EdgeRule) -> impl Iterator<Item = Piece> {
+    pub fn pieces(
+        p: u8,
+        inner: u8,
+        outer: [u8; 4],
+        odd: bool,
+        rule: EdgeRule,
+    ) -> impl Iterator<Item = Piece> {
         let (inner, outer) = (inner.min(p), outer.map(|k| k.min(p)));
         let whole = outer == [inner; 4];
         // A sewn patch has at least two cells on a side, as a hardware tessellator's.
         let ring = if rule == EdgeRule::Paper { inner.min(p - 1) } else { inner };
         let finer = outer.map(|k| k < inner);
-        let middle = Piece { bucket: if whole { Self::full(p, inner, odd) } else { Self::interior(p, ring) }, turn: 0 };
+        let middle = Piece {
+            bucket: if whole { Self::full(p, inner, odd) } else { Self::interior(p, ring) },
+            turn: 0,
+        };
         let side = move |turn: u8| {
             let at = usize::from(turn);
             let bucket = match rule {
@@ -254,7 +263,9 @@ mod tests {
     }
 
     fn all(meshes: &Meshes, inner: u8, outer: [u8; 4], odd: bool, rule: EdgeRule) -> Vec<[Corner; 3]> {
-        Meshes::pieces(meshes.patch_log2, inner, outer, odd, rule).flat_map(|piece| meshes.triangles(piece)).collect()
+        Meshes::pieces(meshes.patch_log2, inner, outer, odd, rule)
+            .flat_map(|piece| meshes.triangles(piece))
+            .collect()
     }
 
     /// Every edge of a triangle is the edge of exactly one other, the other way round, or lies on the border.
@@ -276,7 +287,12 @@ mod tests {
             if edges.contains_key(&(b, a)) {
                 continue;
             }
-            let at = [a.1 == 0 && b.1 == 0, a.0 == side && b.0 == side, a.1 == side && b.1 == side, a.0 == 0 && b.0 == 0];
+            let at = [
+                a.1 == 0 && b.1 == 0,
+                a.0 == side && b.0 == side,
+                a.1 == side && b.1 == side,
+                a.0 == 0 && b.0 == 0,
+            ];
             let Some(at) = at.iter().position(|&is| is) else { panic!("{a:?} to {b:?} has one side only") };
             assert_eq!(a.0.abs_diff(b.0) + a.1.abs_diff(b.1), 1 << outer[at]);
             border[at] += 1;
@@ -321,8 +337,10 @@ mod tests {
         for p in 2..=5_u8 {
             let meshes = Meshes::new(p);
             for inner in 1..=p {
-                let uniform: Vec<Vec<[Corner; 3]>> =
-                    [inner, inner - 1].iter().map(|&k| all(&meshes, k, [k; 4], false, EdgeRule::Shared)).collect();
+                let uniform: Vec<Vec<[Corner; 3]>> = [inner, inner - 1]
+                    .iter()
+                    .map(|&k| all(&meshes, k, [k; 4], false, EdgeRule::Shared))
+                    .collect();
                 let sorted = |t: &[Corner; 3]| {
                     let mut t = *t;
                     t.sort_unstable();

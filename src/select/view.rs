@@ -28,7 +28,15 @@ impl Frame {
         let spacing = geo.spacing((column, column), (row, row));
         // Where the raster's middle is a pole or the spacing is not a number, a square one keeps the picture finite.
         let good = |metres: f64| metres.is_finite() && metres > 0.0;
-        let or = |metres: f64, other: f64| if good(metres) { metres } else if good(other) { other } else { 1.0 };
+        let or = |metres: f64, other: f64| {
+            if good(metres) {
+                metres
+            } else if good(other) {
+                other
+            } else {
+                1.0
+            }
+        };
         Self { dx: or(spacing.dx, spacing.dy), dy: or(spacing.dy, spacing.dx), exaggeration: 1.0 }
     }
 
@@ -57,7 +65,10 @@ impl Box3 {
     pub fn of_square(frame: &Frame, left: f64, top: f64, side: f64, low: f64, high: f64) -> Self {
         let north_west = frame.position(left, top, low);
         let south_east = frame.position(left + side, top + side, high);
-        Self { low: [north_west[0], south_east[1], north_west[2]], high: [south_east[0], north_west[1], south_east[2]] }
+        Self {
+            low: [north_west[0], south_east[1], north_west[2]],
+            high: [south_east[0], north_west[1], south_east[2]],
+        }
     }
 
     /// Distance of a point to the nearest point of the box; 0 inside.
@@ -66,9 +77,19 @@ impl Box3 {
         (outside(0).powi(2) + outside(1).powi(2) + outside(2).powi(2)).sqrt()
     }
 
+    /// False if the whole box is outside of one of the planes, as [`View::planes`] gives them.
+    pub fn is_inside(&self, planes: &[([f64; 3], f64)]) -> bool {
+        planes.iter().all(|&([a, b, c], d)| {
+            let far = |i: usize, n: f64| if n > 0.0 { self.high[i] } else { self.low[i] };
+            a * far(0, a) + b * far(1, b) + c * far(2, c) + d >= 0.0
+        })
+    }
+
     /// The corners.
     pub fn corners(&self) -> [[f64; 3]; 8] {
-        std::array::from_fn(|i| std::array::from_fn(|axis| if i >> axis & 1 == 0 { self.low[axis] } else { self.high[axis] }))
+        std::array::from_fn(|i| {
+            std::array::from_fn(|axis| if i >> axis & 1 == 0 { self.low[axis] } else { self.high[axis] })
+        })
     }
 }
 
@@ -111,10 +132,18 @@ fn unit(a: [f64; 3]) -> Option<[f64; 3]> {
 impl View {
     /// A camera at `eye` that looks at `target` with the frame's z upwards (north, if it looks straight up or down);
     /// `fov_y` is the vertical field of view in radians.
-    pub fn look_at(eye: [f64; 3], target: [f64; 3], fov_y: f64, (width, height): (u32, u32), near: f64) -> Self {
-        let forward = unit([target[0] - eye[0], target[1] - eye[1], target[2] - eye[2]]).unwrap_or([0.0, 1.0, 0.0]);
+    pub fn look_at(
+        eye: [f64; 3],
+        target: [f64; 3],
+        fov_y: f64,
+        (width, height): (u32, u32),
+        near: f64,
+    ) -> Self {
+        let forward =
+            unit([target[0] - eye[0], target[1] - eye[1], target[2] - eye[2]]).unwrap_or([0.0, 1.0, 0.0]);
         let steep = forward[2].abs() > 1.0 - 1e-9;
-        let right = unit(cross(forward, if steep { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] })).unwrap_or([1.0, 0.0, 0.0]);
+        let right = unit(cross(forward, if steep { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] }))
+            .unwrap_or([1.0, 0.0, 0.0]);
         let tan_y = (fov_y / 2.0).tan();
         let tan_x = tan_y * f64::from(width) / f64::from(height.max(1));
         Self { eye, right, up: cross(right, forward), forward, tan_x, tan_y, width, height, near }
@@ -135,21 +164,21 @@ impl View {
     pub fn pixel(&self, p: [f64; 3]) -> Option<[f64; 2]> {
         let [x, y, z] = self.relative(p);
         let lambda = self.lambda();
-        (z >= self.near).then(|| [f64::from(self.width) / 2.0 + lambda * x / z, f64::from(self.height) / 2.0 - lambda * y / z])
+        (z >= self.near).then(|| {
+            [f64::from(self.width) / 2.0 + lambda * x / z, f64::from(self.height) / 2.0 - lambda * y / z]
+        })
     }
 
     /// False if the whole box is outside of the picture (beyond one of its sides, or nearer than the near plane).
     pub fn sees(&self, space: &Box3) -> bool {
-        let planes = self.planes();
-        planes.iter().all(|&([a, b, c], d)| {
-            let far = |i: usize, n: f64| if n > 0.0 { space.high[i] } else { space.low[i] };
-            a * far(0, a) + b * far(1, b) + c * far(2, c) + d >= 0.0
-        })
+        space.is_inside(&self.planes())
     }
 
     /// The planes of the picture's sides (right, left, top, bottom) and the near plane: `n p + d >= 0` inside.
     pub fn planes(&self) -> [([f64; 3], f64); 5] {
-        let side = |axis: [f64; 3], tan: f64| -> [f64; 3] { std::array::from_fn(|i| self.forward[i] * tan - axis[i]) };
+        let side = |axis: [f64; 3], tan: f64| -> [f64; 3] {
+            std::array::from_fn(|i| self.forward[i] * tan - axis[i])
+        };
         let minus = |axis: [f64; 3]| axis.map(|c| -c);
         let normals = [
             side(self.right, self.tan_x),
@@ -171,6 +200,19 @@ impl View {
         if metres <= 0.0 {
             return 0.0;
         }
+        let Reach { depth, stretch } = self.reach(space);
+        let left = depth - metres;
+        if left > 0.0 { self.lambda() * metres * stretch / left } else { f64::INFINITY }
+    }
+
+    /// The largest error in metres that moves no point of a box by more than `pixels`: the inverse of [`View::projected`].
+    pub fn allowed(&self, space: &Box3, pixels: f64) -> f64 {
+        let Reach { depth, stretch } = self.reach(space);
+        pixels * depth / (self.lambda() * stretch + pixels)
+    }
+
+    /// The nearest that a box comes.
+    fn reach(&self, space: &Box3) -> Reach {
         let corners = space.corners().map(|corner| self.relative(corner));
         let least = corners.iter().fold(f64::INFINITY, |least, q| least.min(q[2]));
         let mut rho2 = self.tan_x.powi(2) + self.tan_y.powi(2);
@@ -180,8 +222,12 @@ impl View {
             rho2 = rho2.min(corners.iter().fold(0.0, |greatest, q| of(q).max(greatest)));
         }
         let stretch = (1.0 + rho2).sqrt();
-        let depth = least.max(self.near).max(space.distance(self.eye) / stretch);
-        let left = depth - metres;
-        if left > 0.0 { self.lambda() * metres * stretch / left } else { f64::INFINITY }
+        Reach { depth: least.max(self.near).max(space.distance(self.eye) / stretch), stretch }
     }
+}
+
+/// Least depth of what a picture shows of a box, and the greatest `sqrt(1 + rho^2)` there.
+struct Reach {
+    depth: f64,
+    stretch: f64,
 }

@@ -3,8 +3,6 @@
 use relevo::select::imagery::Draw;
 use relevo::select::{EdgeRule, Frame, Levels, Selection, View};
 
-
-
 /// A device to draw with.
 #[derive(Debug)]
 pub struct Gpu {
