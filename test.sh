@@ -67,14 +67,27 @@ python() {
         printf 'MISSING, and could not be installed: the module %s of python3\n' "$1"
 }
 
+# library NAME: true if the loader finds it.
+library() { [[ $(ldconfig -p 2>/dev/null || /sbin/ldconfig -p) == *"$1"* ]]; }
+
 # GDAL's tools are the oracle of many tests; libgdal-dev and pkg-config are all that the gdal crate needs, whose
-# bindings come with it. Python's zstandard and Pillow read containers in the test of the format description.
+# bindings come with it. Python's zstandard and Pillow read containers in the test of the format description. The
+# viewer's tests draw with Mesa's software Vulkan, and open a window on Xvfb.
 install() {
     local packages=()
     have gdalinfo && have gdal_translate && have gdaldem || packages+=(gdal-bin)
     have pkg-config && pkg-config --exists gdal || packages+=(libgdal-dev pkg-config)
     have cc || packages+=(gcc libc6-dev)
     have python3 || packages+=(python3)
+    library libvulkan.so.1 || packages+=(libvulkan1)
+    ls /usr/share/vulkan/icd.d/lvp_icd.*.json >/dev/null 2>&1 || packages+=(mesa-vulkan-drivers)
+    have Xvfb || packages+=(xvfb)
+    have xdotool || packages+=(xdotool)
+    library libX11-xcb.so.1 || packages+=(libx11-6 libx11-xcb1)
+    library libXcursor.so.1 || packages+=(libxcursor1)
+    library libXi.so.6 || packages+=(libxi6)
+    library libXrandr.so.2 || packages+=(libxrandr2)
+    library libxkbcommon-x11.so.0 || packages+=(libxkbcommon0 libxkbcommon-x11-0)
     if ((${#packages[@]})); then
         apt "${packages[@]}" || printf 'MISSING, and could not be installed: %s\n' "${packages[*]}"
     fi
@@ -103,7 +116,8 @@ run fmt cargo fmt --all --check
 run clippy cargo clippy --locked --workspace --all-targets -- -D warnings
 run clippy-all-features cargo clippy --locked --workspace --all-targets --all-features -- -D warnings
 run test "${runner[@]}" --locked --workspace
-run test-gdal "${runner[@]}" --locked --workspace --features relevo/gdal
+# (The viewer reads what is built, and has no such feature.)
+run test-gdal "${runner[@]}" --locked --workspace --exclude relevo-viewer --features relevo/gdal
 run doctest cargo test --locked --workspace --doc --no-fail-fast
 run doc env RUSTDOCFLAGS='-D warnings' cargo doc --locked --workspace --no-deps --document-private-items
 dependencies
