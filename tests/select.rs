@@ -117,7 +117,6 @@ impl Forest {
             drawable: vec![true; count],
         };
         for at in 0..count {
-            let (x, y) = (at as u32 % m, at as u32 / m);
             let height = (random.unit() * 50.0) as f32;
             (table.low[at], table.high[at]) = (height, height + 20.0);
             let roughness = if random.below(6) == 0 { 8.0 } else { 0.05 };
@@ -125,21 +124,8 @@ impl Forest {
                 let index = k as usize * count + at;
                 let below = if k == 0 { 0.0 } else { table.vertical[index - count] };
                 let mut error = below + if k > 0 { (random.unit() * roughness) as f32 } else { 0.0 };
-                // A patch of a tile lies on four of its children's.
-                for dy in 0..2 {
-                    for dx in 0..2 {
-                        let (px, py) = (2 * x + dx, 2 * y + dy);
-                        let child = id.child(u8::from(px >= m) | u8::from(py >= m) << 1);
-                        let Some(inner) = self.tables.get(&child).filter(|_| id.level < self.header.levels)
-                        else {
-                            continue;
-                        };
-                        let there = ((py % m) * m + px % m) as usize;
-                        let step = (k + 1).min(steps - 1) as usize;
-                        error = error.max(inner.vertical[step * count + there]);
-                        table.low[at] = table.low[at].min(inner.low[there]);
-                        table.high[at] = table.high[at].max(inner.high[there]);
-                    }
+                if id.level < self.header.levels {
+                    error = error.max(self.below(&mut table, at, k));
                 }
                 table.vertical[index] = error;
                 table.horizontal[index] = error / 2.0;
@@ -156,6 +142,23 @@ impl Forest {
         self.nodes.insert(id, node);
         self.tables.insert(id, Arc::new(table));
         true
+    }
+
+    /// Error of the four patches below patch `at` at the step that step `k` is for them; takes over their heights.
+    fn below(&self, table: &mut TileTable, at: usize, k: u32) -> f32 {
+        let m = table.patches;
+        let (x, y) = (2 * (at as u32 % m), 2 * (at as u32 / m));
+        let mut error = 0.0_f32;
+        for (px, py) in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)] {
+            let child = table.id.child(u8::from(px >= m) | u8::from(py >= m) << 1);
+            let Some(inner) = self.tables.get(&child) else { continue };
+            let there = ((py % m) * m + px % m) as usize;
+            let step = (k + 1).min(table.steps - 1) as usize;
+            error = error.max(inner.vertical[step * (m * m) as usize + there]);
+            table.low[at] = table.low[at].min(inner.low[there]);
+            table.high[at] = table.high[at].max(inner.high[there]);
+        }
+        error
     }
 
     fn load_all(&mut self) {
@@ -339,9 +342,9 @@ fn base(selection: &Selection, frame: &Frame, view: &View, tolerance: f64) -> Ve
             let mut best = 0;
             for k in 0..=p {
                 let i = usize::from(k) * count + at;
-                let error = (f64::from(tile.table.vertical[i]) * frame.exaggeration)
-                    .hypot(tile.table.horizontal[i].into());
-                if !view.sees(&space) || view.projected(&space, error) <= tolerance {
+                let vertical = f64::from(tile.table.vertical[i]) * frame.exaggeration;
+                let error = view.projected(&space, vertical, tile.table.horizontal[i].into());
+                if !view.sees(&space) || error <= tolerance {
                     best = k;
                 }
             }
@@ -396,6 +399,37 @@ proptest! {
                 prop_assert!((chosen.exponent..=chosen.exponent + patch_log2).contains(&inner));
                 // With everything there, nothing is drawn coarser than the tolerance allows.
                 prop_assert!(!selection.wanted.is_empty() || inner <= base[at]);
+            }
+        }
+    }
+
+    /// Points of a box that are in the picture, moved by errors, move by no more pixels than promised.
+    #[test]
+    fn nothing_moves_farther_on_the_screen_than_projected(seed: u64) {
+        let mut random = Random(seed);
+        let mut between = |a: f64, b: f64| a + (b - a) * random.unit();
+        for _ in 0..40 {
+            let low = [between(-50.0, 50.0), between(-50.0, 50.0), between(-5.0, 5.0)];
+            let high = [low[0] + between(0.1, 30.0), low[1] + between(0.1, 30.0), low[2] + between(0.0, 9.0)];
+            let space = Box3 { low, high };
+            let eye = [between(-80.0, 80.0), between(-80.0, 80.0), between(-3.0, 60.0)];
+            let target = [between(low[0], high[0]), between(low[1], high[1]), between(low[2], high[2])];
+            let view = View::look_at(eye, target, between(0.2, 2.0), (800, 500), 0.1);
+            let (vertical, horizontal) = (between(0.0, 0.5), between(0.0, 0.5));
+            let turn = between(0.0, 6.3);
+            for _ in 0..60 {
+                let p = [between(low[0], high[0]), between(low[1], high[1]), between(low[2], high[2])];
+                let Some([x, y]) = view.pixel(p).filter(|[x, y]| (0.0..800.0).contains(x) && (0.0..500.0).contains(y)) else {
+                    continue;
+                };
+                for (up, along) in [(vertical, 0.0), (-vertical, 0.0), (0.0, horizontal)] {
+                    let q = [p[0] + along * turn.cos(), p[1] + along * turn.sin(), p[2] + up];
+                    let promised = view.projected(&space, up.abs(), along);
+                    // What is moved to behind the near plane is promised nothing.
+                    let Some([u, v]) = view.pixel(q) else { continue };
+                    let moved = (u - x).hypot(v - y);
+                    prop_assert!(moved <= promised * (1.0 + 1e-9), "{moved} px, {promised} promised");
+                }
             }
         }
     }

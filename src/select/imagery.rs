@@ -156,9 +156,9 @@ impl Laying<'_> {
             }
             let best = if ready { Some(child) } else { best };
             if pixels <= layer.magnification {
-                self.draw(quarter, best)
+                self.draw(quarter, best);
             } else {
-                self.parts(quarter, child, best)
+                self.parts(quarter, child, best);
             }
         }
         // Four quarters with one and the same image are one part.

@@ -84,11 +84,11 @@ pub(super) fn base_of_tile(
             if !table.drawable[at] || !space.is_inside(&planes) {
                 return tile.exponent + patch_log2;
             }
-            let allowed = view.allowed(&space, tolerance);
+            let reach = view.reach(&space);
             let fits = |&k: &u8| {
                 let at = usize::from(k) * count + at;
                 let vertical = f64::from(table.vertical[at]) * frame.exaggeration;
-                vertical.hypot(table.horizontal[at].into()) <= allowed
+                reach.pixels(vertical, table.horizontal[at].into()) <= tolerance
             };
             tile.exponent + (1..=patch_log2).rev().find(fits).unwrap_or(0)
         })

@@ -15,6 +15,7 @@ pub mod imagery;
 pub mod levels;
 pub mod neighbours;
 pub mod pattern;
+mod strips;
 pub mod tile;
 pub mod traverse;
 pub mod view;

@@ -182,8 +182,8 @@ impl<T: Tiles> Cut<'_, T> {
     }
 
     fn insert(&mut self, id: TileId, node: Node, table: Arc<TileTable>) {
-        let metres = (f64::from(node.vertical) * self.frame.exaggeration).hypot(node.horizontal.into());
-        let error = self.view.projected(&self.space(id, &node), metres);
+        let vertical = f64::from(node.vertical) * self.frame.exaggeration;
+        let error = self.view.projected(&self.space(id, &node), vertical, node.horizontal.into());
         if error > self.options.tolerance && node.children != 0 {
             self.queue.push(Queued { error, id });
         }
@@ -212,6 +212,15 @@ impl<T: Tiles> Cut<'_, T> {
         if node.children == 0 {
             return false;
         }
+        // What is wanted will be drawn: where there is no room for the children, they are not wanted either.
+        let inside = |child: &TileId| {
+            self.tiles.node(*child).is_none_or(|row| self.space(*child, &row).is_inside(&self.planes))
+        };
+        let ids = (0..4).filter(|q| node.children >> q & 1 != 0).map(|q| id.child(q));
+        let more = ids.filter(|child| !self.wanted.contains_key(child)).filter(inside).count();
+        if self.leaves.len() + self.wanted.len() + more > self.options.max_tiles.saturating_add(1) {
+            return false;
+        }
         let mut children = Vec::with_capacity(4);
         let mut missing = false;
         for quadrant in (0..4).filter(|q| node.children >> q & 1 != 0) {
@@ -224,12 +233,11 @@ impl<T: Tiles> Cut<'_, T> {
             if !self.space(child, &row).is_inside(&self.planes) {
                 continue;
             }
-            match self.tiles.table(child) {
-                Some(table) => children.push((child, row, table)),
-                None => {
-                    self.want(child, urgency);
-                    missing = true;
-                }
+            if let Some(table) = self.tiles.table(child) {
+                children.push((child, row, table));
+            } else {
+                self.want(child, urgency);
+                missing = true;
             }
         }
         for side in 0..4 {
@@ -282,7 +290,9 @@ impl<T: Tiles> Cut<'_, T> {
                 }
             }
             let mut coarse = Net::new(&chosen, m).too_coarse(base);
-            coarse.iter_mut().for_each(|edge| *edge /= neighbours::edges_of_tile(m));
+            for edge in &mut coarse {
+                *edge /= neighbours::edges_of_tile(m);
+            }
             coarse.dedup();
             let ids: Vec<_> = coarse.into_iter().map(|tile| chosen[tile as usize].id).collect();
             let mut changed = false;
@@ -324,7 +334,7 @@ impl<T: Tiles> Cut<'_, T> {
             if shift == 0 && beyond > tile {
                 return own;
             }
-            let along = if side % 2 == 0 { id.x } else { id.y };
+            let along = if side.is_multiple_of(2) { id.x } else { id.y };
             let local = along & ((1 << shift) - 1);
             Side { first: first(beyond, (side + 2) % 4), local, shift, limit: exponent(other) }
         };

@@ -190,44 +190,73 @@ impl View {
         [a, b, c, d, (self.forward, -dot(self.forward, self.eye) - self.near)]
     }
 
-    /// The most pixels by which an error of `metres` can move a point of a box on the screen; 0 if there is no error.
-    ///
-    /// The papers take `lambda E / d`, with the distance `d` of the box. That is what an error across the line of sight shows in the middle
-    /// of the picture; elsewhere a perspective picture is stretched. A point at relative position `q`, depth `z`, tangent
-    /// `rho = |q_xy| / z`, moves by at most `lambda E sqrt(1 + rho^2) / (z - E)`. Over the points of the box that are in the
-    /// picture, `z >= r / sqrt(1 + rho^2)` with `r >= d`; and `z` is at least the box's least depth.
-    pub fn projected(&self, space: &Box3, metres: f64) -> f64 {
-        if metres <= 0.0 {
-            return 0.0;
-        }
-        let Reach { depth, stretch } = self.reach(space);
-        let left = depth - metres;
-        if left > 0.0 { self.lambda() * metres * stretch / left } else { f64::INFINITY }
+    /// The most pixels by which errors can move a point of a box on the screen: see [`Reach`]. `vertical` is exaggerated.
+    pub fn projected(&self, space: &Box3, vertical: f64, horizontal: f64) -> f64 {
+        self.reach(space).pixels(vertical, horizontal)
     }
 
-    /// The largest error in metres that moves no point of a box by more than `pixels`: the inverse of [`View::projected`].
-    pub fn allowed(&self, space: &Box3, pixels: f64) -> f64 {
-        let Reach { depth, stretch } = self.reach(space);
-        pixels * depth / (self.lambda() * stretch + pixels)
-    }
-
-    /// The nearest that a box comes.
-    fn reach(&self, space: &Box3) -> Reach {
+    /// How near a box comes to the eye, and how much of an error in it is seen.
+    pub fn reach(&self, space: &Box3) -> Reach {
         let corners = space.corners().map(|corner| self.relative(corner));
         let least = corners.iter().fold(f64::INFINITY, |least, q| least.min(q[2]));
+        // The tangents of what is in the picture: x / z and y / z, from the least to the greatest.
+        let mut tangents = [[-self.tan_x, self.tan_x], [-self.tan_y, self.tan_y]];
         let mut rho2 = self.tan_x.powi(2) + self.tan_y.powi(2);
         if least > 0.0 {
-            // The greatest tangent of a convex body in front of the eye is at a corner.
-            let of = |q: &[f64; 3]| (q[0] * q[0] + q[1] * q[1]) / (q[2] * q[2]);
-            rho2 = rho2.min(corners.iter().fold(0.0, |greatest, q| of(q).max(greatest)));
+            // Those of a convex body in front of the eye are greatest and least at its corners.
+            let of_box = corners.iter().map(|q| [q[0] / q[2], q[1] / q[2]]);
+            rho2 = rho2.min(of_box.clone().map(|[x, y]| x * x + y * y).fold(0.0, f64::max));
+            for (axis, ends) in tangents.iter_mut().enumerate() {
+                let of_axis = of_box.clone().map(|t| t[axis].clamp(ends[0], ends[1]));
+                *ends = [
+                    of_axis.clone().fold(f64::INFINITY, f64::min),
+                    of_axis.fold(f64::NEG_INFINITY, f64::max),
+                ];
+            }
         }
+        let (z_x, z_y, z_z) = (self.right[2], self.up[2], self.forward[2]);
+        // Convex in either tangent: greatest at an end.
+        let along =
+            |z: f64, ends: [f64; 2]| ends.map(|t| (z - t * z_z).abs()).into_iter().fold(0.0, f64::max);
         let stretch = (1.0 + rho2).sqrt();
-        Reach { depth: least.max(self.near).max(space.distance(self.eye) / stretch), stretch }
+        Reach {
+            depth: least.max(self.near).max(space.distance(self.eye) / stretch),
+            vertical: along(z_x, tangents[0]).hypot(along(z_y, tangents[1])).min(stretch),
+            horizontal: stretch,
+            lambda: self.lambda(),
+        }
     }
 }
 
-/// Least depth of what a picture shows of a box, and the greatest `sqrt(1 + rho^2)` there.
-struct Reach {
-    depth: f64,
-    stretch: f64,
+/// What a picture shows of errors in a box.
+///
+/// The papers take `lambda E / d`, with the distance `d` of the box. That is what an error across the line of sight shows in the middle
+/// of the picture. Elsewhere a perspective picture is stretched, and an error along the line of sight shows less. A point at
+/// depth `z` with tangents `t = (x, y) / z` that is moved by a vector with the components `e` along right and up, `f` along
+/// forward, moves by `lambda |e - t f| / (z + f)` pixels. For a vector of length E that is at most `lambda E sqrt(1 + |t|^2) / (z - E)`, and less
+/// for an upright one seen from above: `|e - t f|` is convex in `t`, so its greatest value is at an end of the range of `t` over the points
+/// of the box that are in the picture. Their depth is at least the box's least one, and at least `d / sqrt(1 + |t|^2)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reach {
+    /// Least depth, metres.
+    pub depth: f64,
+    /// The most that a metre of vertical error can show, in metres at depth 1.
+    pub vertical: f64,
+    /// The same of horizontal error.
+    pub horizontal: f64,
+    /// Pixels of a unit of tangent.
+    pub lambda: f64,
+}
+
+impl Reach {
+    /// Pixels of a vertical (exaggerated) and a horizontal error in metres, at most; 0 if there is none.
+    pub fn pixels(&self, vertical: f64, horizontal: f64) -> f64 {
+        let metres = vertical.hypot(horizontal);
+        if metres <= 0.0 {
+            return 0.0;
+        }
+        let left = self.depth - metres;
+        let seen = (vertical * self.vertical).hypot(horizontal * self.horizontal);
+        if left > 0.0 { self.lambda * seen / left } else { f64::INFINITY }
+    }
 }
