@@ -49,6 +49,7 @@ pub mod geotiff_write;
 pub mod hillshade;
 pub mod imagery;
 pub mod limits;
+pub mod observed;
 pub mod patch;
 pub mod pipeline;
 pub mod sample;

@@ -7,7 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Layer of each top module of the library; see ARCHITECTURE.md.
-const LAYERS: [(&str, u8); 23] = [
+const LAYERS: [(&str, u8); 24] = [
     ("error", 0),
     ("file", 0),
     ("error_code", 0),
@@ -29,6 +29,7 @@ const LAYERS: [(&str, u8); 23] = [
     ("hillshade", 5),
     ("verify", 6),
     ("export", 6),
+    ("observed", 6),
     ("cli", 7),
     ("main", 7),
 ];
