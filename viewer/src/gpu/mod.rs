@@ -1,37 +1,34 @@
 //! The drawing side: device, atlases of heights and images, the pass that finds steps, the draws.
+//!
+//! [`Gpu`] is an adapter and its device. [`Sizes::within`] says how many tiles and images fit a budget; a [`Renderer`] of these sizes takes
+//! tiles and images by slot and draws a [`FrameInput`] on a target, a window's or a [`Picture`]. No call waits for
+//! the device but those that give something back: [`Renderer::drawn`], [`Renderer::levels`], [`Picture::read`].
+//! No optional feature of an adapter is used, and of its limits only sizes of textures and buffers.
+//!
+//! A picture is two passes. The first has one thread a patch: steps (`shaders/levels.wgsl`), then instances sorted into buckets, one
+//! for each index mesh (`shaders/sort.wgsl`). The second is one indirect draw a bucket (`shaders/terrain.wgsl`).
+//! Two things keep the surface closed: a vertex that tiles share has the same column and row from the camera in both, as
+//! integers, and the same height; and the same instructions place it. Coordinates are single precision only after
+//! the camera is subtracted, so places far from the origin look like those near it.
+
+mod atlas;
+mod buffers;
+pub mod device;
+mod input;
+mod meshes;
+pub mod picture;
+mod pipelines;
+mod readback;
+pub mod renderer;
+pub mod sizes;
 
 use relevo::select::imagery::Draw;
 use relevo::select::{EdgeRule, Frame, Levels, Selection, View};
 
-/// A device to draw with.
-#[derive(Debug)]
-pub struct Gpu {
-    /// What made it; a window's surface comes from it.
-    pub instance: wgpu::Instance,
-    /// The adapter: its name is what a user wants to see.
-    pub adapter: wgpu::Adapter,
-    /// The device.
-    pub device: wgpu::Device,
-    /// Its queue.
-    pub queue: wgpu::Queue,
-}
-
-/// Sizes that a [`Renderer`] is made for.
-#[derive(Clone, Copy, Debug)]
-pub struct Sizes {
-    /// Intervals of a tile, T.
-    pub tile: u32,
-    /// Binary logarithm of the patch size.
-    pub patch_log2: u8,
-    /// Tiles of heights that fit at once.
-    pub tiles: u32,
-    /// Images that fit at once; 0 without imagery.
-    pub images: u32,
-    /// Texels along an image, gutters included.
-    pub image_side: u32,
-    /// Texels of its gutter.
-    pub gutter: u32,
-}
+pub use device::Gpu;
+pub use picture::Picture;
+pub use renderer::Renderer;
+pub use sizes::Sizes;
 
 /// Colours by what.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
