@@ -1,3 +1,7 @@
-//! `relevo-viewer`.
+//! The `relevo-viewer` program.
 
-fn main() {}
+mod cli;
+
+fn main() -> std::process::ExitCode {
+    cli::main()
+}

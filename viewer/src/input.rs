@@ -1,0 +1,212 @@
+//! Keys and mouse, as commands and as motion.
+
+use std::collections::HashSet;
+
+use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta};
+use winit::keyboard::{Key, KeyCode, NamedKey, PhysicalKey};
+
+use crate::camera::{Mode, Rig};
+use crate::gpu::Paint;
+use crate::stage::PAINTS;
+
+/// What the help says.
+pub const HELP: [&str; 17] = [
+    "W A S D   fly ahead, left, back, right",
+    "Q E       down, up          Shift  5 times as fast",
+    "drag      look round (orbit: go round)",
+    "wheel     nearer, farther",
+    "O         orbit or fly",
+    "- +       tolerance in pixels",
+    "[ ]       exaggeration of heights",
+    "1         imagery or tint, shaded",
+    "2         tint, shaded",
+    "3         level of the tile",
+    "4         step of the patch",
+    "5         projected error: blue 0, red the tolerance",
+    "F  B      wireframe, borders of tiles",
+    "L         freeze what is selected",
+    "P         picture to a file",
+    "R         record the camera path to a file, on and off",
+    "H F1      this help         Esc  quit",
+];
+
+/// What a key asks for once.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Command {
+    /// End.
+    Quit,
+    /// Help on or off.
+    Help,
+    /// The tolerance times this.
+    Tolerance(f64),
+    /// The exaggeration times this.
+    Exaggeration(f64),
+    /// Colours.
+    Paint(Paint),
+    /// Wireframe on or off.
+    Wireframe,
+    /// Borders on or off.
+    Borders,
+    /// Freeze the selection, or go on.
+    Freeze,
+    /// Write a picture.
+    Screenshot,
+    /// Record the camera path, or end and write it.
+    Record,
+    /// Fly or orbit.
+    Mode,
+}
+
+/// A quarter more or less.
+const STEP: f64 = 1.25;
+
+/// The command of a key, if it has one.
+pub fn command(key: &Key) -> Option<Command> {
+    let text = match key {
+        Key::Named(NamedKey::Escape) => return Some(Command::Quit),
+        Key::Named(NamedKey::F1) => return Some(Command::Help),
+        Key::Character(text) => text.to_lowercase(),
+        _ => return None,
+    };
+    Some(match text.as_str() {
+        "h" => Command::Help,
+        "-" | "_" => Command::Tolerance(1.0 / STEP),
+        "+" | "=" => Command::Tolerance(STEP),
+        "[" => Command::Exaggeration(1.0 / STEP),
+        "]" => Command::Exaggeration(STEP),
+        "f" => Command::Wireframe,
+        "b" => Command::Borders,
+        "l" => Command::Freeze,
+        "p" => Command::Screenshot,
+        "r" => Command::Record,
+        "o" => Command::Mode,
+        digit => {
+            let index = digit.parse::<usize>().ok()?.checked_sub(1)?;
+            Command::Paint(PAINTS.get(index)?.1)
+        }
+    })
+}
+
+/// Radians of a drag over the height of the window.
+const TURN: f64 = 1.8;
+/// Heights above the ground that are flown in a second.
+const PACE: f64 = 0.9;
+
+/// What is held down, and what the mouse did since it was last asked.
+#[derive(Clone, Debug, Default)]
+pub struct Input {
+    held: HashSet<KeyCode>,
+    dragging: bool,
+    cursor: Option<[f64; 2]>,
+    dragged: [f64; 2],
+    notches: f64,
+}
+
+impl Input {
+    /// A key went down or up; the command that it stands for.
+    pub fn key(&mut self, event: &KeyEvent) -> Option<Command> {
+        let down = event.state == ElementState::Pressed;
+        if let PhysicalKey::Code(code) = event.physical_key {
+            if down {
+                self.held.insert(code);
+            } else {
+                self.held.remove(&code);
+            }
+        }
+        let changes = |command: &Command| matches!(command, Command::Tolerance(_) | Command::Exaggeration(_));
+        let command = command(&event.logical_key)?;
+        // A key that is held goes on to change a number, but does not flicker a switch.
+        (down && (!event.repeat || changes(&command))).then_some(command)
+    }
+
+    /// A button went down or up.
+    pub fn button(&mut self, button: MouseButton, state: ElementState) {
+        if matches!(button, MouseButton::Left | MouseButton::Right) {
+            self.dragging = state == ElementState::Pressed;
+        }
+    }
+
+    /// The mouse is here, in pixels.
+    pub fn moved(&mut self, to: [f64; 2]) {
+        if let Some(from) = self.cursor.filter(|_| self.dragging) {
+            self.dragged = [self.dragged[0] + to[0] - from[0], self.dragged[1] + to[1] - from[1]];
+        }
+        self.cursor = Some(to);
+    }
+
+    /// The wheel turned.
+    pub fn wheel(&mut self, delta: MouseScrollDelta) {
+        self.notches += match delta {
+            MouseScrollDelta::LineDelta(_, y) => f64::from(y),
+            MouseScrollDelta::PixelDelta(pixels) => pixels.y / 60.0,
+        };
+    }
+
+    /// The window lost the focus: nothing is held any more.
+    pub fn release(&mut self) {
+        *self = Self { cursor: self.cursor, ..Self::default() };
+    }
+
+    /// True if the camera would move.
+    pub fn active(&self) -> bool {
+        self.dragged != [0.0; 2] || self.notches != 0.0 || self.direction() != [0.0; 3]
+    }
+
+    /// Ahead, right, up.
+    fn direction(&self) -> [f64; 3] {
+        let axis = |plus: KeyCode, minus: KeyCode| {
+            f64::from(u8::from(self.held.contains(&plus))) - f64::from(u8::from(self.held.contains(&minus)))
+        };
+        [
+            axis(KeyCode::KeyW, KeyCode::KeyS),
+            axis(KeyCode::KeyD, KeyCode::KeyA),
+            axis(KeyCode::KeyE, KeyCode::KeyQ),
+        ]
+    }
+
+    /// Moves the camera by what was done in `seconds`; `above` are metres above the ground, `pixels` the window's height.
+    pub fn drive(&mut self, rig: &mut Rig, seconds: f64, above: f64, pixels: u32) {
+        let scale = TURN / f64::from(pixels.max(1));
+        let [x, y] = std::mem::take(&mut self.dragged);
+        // The look follows the hand in flight; in an orbit the same turn makes the near side follow it.
+        rig.turn(x * scale, -y * scale);
+        let notches = std::mem::take(&mut self.notches);
+        match rig.mode {
+            Mode::Orbit => rig.zoom(notches),
+            Mode::Fly => rig.walk(notches * above * 0.15, 0.0, 0.0),
+        }
+        let fast = self.held.contains(&KeyCode::ShiftLeft) || self.held.contains(&KeyCode::ShiftRight);
+        let step = above * PACE * seconds * if fast { 5.0 } else { 1.0 };
+        let [ahead, right, up] = self.direction();
+        rig.walk(ahead * step, right * step, up * step);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_commands() {
+        let key = |text: &str| command(&Key::Character(text.into()));
+        assert_eq!(key("3"), Some(Command::Paint(Paint::TileLevel)));
+        assert_eq!((key("0"), key("6"), key("w")), (None, None, None));
+        assert_eq!((key("F"), key("f")), (Some(Command::Wireframe), Some(Command::Wireframe)));
+        assert_eq!(command(&Key::Named(NamedKey::Escape)), Some(Command::Quit));
+        assert_eq!(key("="), Some(Command::Tolerance(1.25)));
+    }
+
+    #[test]
+    fn only_a_drag_turns() {
+        let mut rig = Rig { mode: Mode::Fly, eye: [0.0; 3], yaw: 0.0, pitch: 0.0, distance: 1.0 };
+        let mut input = Input::default();
+        input.moved([10.0, 10.0]);
+        input.moved([50.0, 10.0]);
+        assert!(!input.active());
+        input.button(MouseButton::Left, ElementState::Pressed);
+        input.moved([150.0, 10.0]);
+        assert!(input.active());
+        input.drive(&mut rig, 0.1, 100.0, 720);
+        assert!(rig.yaw > 0.0 && rig.pitch == 0.0 && !input.active());
+    }
+}

@@ -1,0 +1,116 @@
+//! What a thread knows of the file: the answers that selection asks for. The drawing thread has one of what is resident,
+//! the loader one of what it has delivered.
+
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
+
+use relevo::TileId;
+use relevo::container::Header;
+use relevo::select::imagery::Images;
+use relevo::select::tile::{Node, TileTable};
+use relevo::select::traverse::Tiles;
+
+/// Rows of the index and tables of tiles.
+#[derive(Debug)]
+pub struct KnownTiles {
+    header: Header,
+    nodes: HashMap<TileId, Node>,
+    tables: HashMap<TileId, Arc<TileTable>>,
+}
+
+impl KnownTiles {
+    /// Only the row of the root.
+    pub fn new(header: Header, root: Node) -> Self {
+        Self { header, nodes: HashMap::from([(TileId::ROOT, root)]), tables: HashMap::new() }
+    }
+
+    /// A tile has come, with the rows of its children by quadrant.
+    pub fn add(&mut self, table: Arc<TileTable>, children: &[Option<Node>; 4]) {
+        let id = table.id;
+        self.tables.insert(id, table);
+        for (quadrant, node) in (0..).zip(children) {
+            if let Some(node) = node {
+                self.nodes.insert(id.child(quadrant), *node);
+            }
+        }
+    }
+
+    /// A tile has left.
+    pub fn remove(&mut self, id: TileId) {
+        self.tables.remove(&id);
+        for quadrant in 0..4 {
+            self.nodes.remove(&id.child(quadrant));
+        }
+    }
+
+    /// A tile cannot be read: its parent is drawn as if it were a leaf.
+    pub fn spoil(&mut self, id: TileId) {
+        if let Some(parent) = id.parent().and_then(|parent| self.nodes.get_mut(&parent)) {
+            parent.children = 0;
+        }
+    }
+}
+
+impl Tiles for KnownTiles {
+    fn header(&self) -> &Header {
+        &self.header
+    }
+
+    fn node(&self, id: TileId) -> Option<Node> {
+        self.nodes.get(&id).copied()
+    }
+
+    fn table(&self, id: TileId) -> Option<Arc<TileTable>> {
+        self.tables.get(&id).cloned()
+    }
+}
+
+/// Rows of the imagery's index and which images are there.
+#[derive(Debug, Default)]
+pub struct KnownImages {
+    children: HashMap<TileId, u8>,
+    ready: HashSet<TileId>,
+}
+
+impl KnownImages {
+    /// Only the row of the root.
+    pub fn new(root: u8) -> Self {
+        Self { children: HashMap::from([(TileId::ROOT, root)]), ready: HashSet::new() }
+    }
+
+    /// An image has come, with the bits of the children of each of its children.
+    pub fn add(&mut self, id: TileId, children: &[Option<u8>; 4]) {
+        self.ready.insert(id);
+        for (quadrant, bits) in (0..).zip(children) {
+            if let Some(bits) = bits {
+                self.children.insert(id.child(quadrant), *bits);
+            }
+        }
+    }
+
+    /// An image has left.
+    pub fn remove(&mut self, id: TileId) {
+        self.ready.remove(&id);
+        for quadrant in 0..4 {
+            self.children.remove(&id.child(quadrant));
+        }
+    }
+
+    /// An image cannot be read: its parent lies there instead.
+    pub fn spoil(&mut self, id: TileId) {
+        self.children.remove(&id);
+        if let Some(parent) = id.parent().and_then(|parent| self.children.get_mut(&parent)) {
+            *parent &= !(1 << id.quadrant());
+        }
+    }
+}
+
+impl Images for KnownImages {
+    fn children(&self, id: TileId) -> Option<u8> {
+        self.children.get(&id).copied()
+    }
+
+    fn ready(&self, id: TileId) -> bool {
+        self.ready.contains(&id)
+    }
+}

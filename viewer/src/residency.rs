@@ -1,0 +1,180 @@
+//! What is on the GPU: heights and images in slots under one budget, and what selection may draw of them.
+
+use std::sync::Arc;
+
+use relevo::container::Header;
+use relevo::select::imagery::{Draw, Images};
+use relevo::select::tile::{Node, TileData};
+use relevo::select::traverse::Tiles;
+use relevo::select::{Selection, TileTable};
+use relevo::texel::Texels;
+use relevo::{Result, TileId};
+
+use crate::known::{KnownImages, KnownTiles};
+use crate::loader::{Delivery, Item, LoadedImage, LoadedTile};
+use crate::pool::{Placed, Pool};
+
+/// Where uploads go: the renderer, or nothing in a test.
+pub trait Store {
+    /// Heights of a tile into a slot.
+    fn put_tile(&mut self, slot: u32, data: &TileData) -> Result<()>;
+    /// Texels of an image into a slot.
+    fn put_image(&mut self, slot: u32, texels: &Texels) -> Result<()>;
+}
+
+/// What became of a delivery.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Taken {
+    /// It is resident; so many bytes were uploaded, and who left for it.
+    Yes(u64, Option<Item>),
+    /// It is of no use any more.
+    Useless(Item),
+    /// There is no slot that could be freed for it, though the view wants it now.
+    Full(Item),
+    /// Likewise, and only the predicted view wants it.
+    Later(Item),
+}
+
+/// Heights and images in their slots.
+#[derive(Debug)]
+pub struct Residency {
+    tiles: Pool,
+    images: Pool,
+    known_tiles: KnownTiles,
+    known_images: Option<KnownImages>,
+}
+
+impl Residency {
+    /// Empty slots; `root` and `images` are the rows of the root tiles.
+    pub fn new((tiles, images): (u32, u32), header: Header, root: Node, image_root: Option<u8>) -> Self {
+        Self {
+            tiles: Pool::new(tiles),
+            images: Pool::new(images),
+            known_tiles: KnownTiles::new(header, root),
+            known_images: image_root.map(KnownImages::new),
+        }
+    }
+
+    /// Slots taken: tiles, images.
+    pub fn taken(&self) -> (usize, usize) {
+        (self.tiles.len(), self.images.len())
+    }
+
+    /// Slots for tiles.
+    pub fn tile_slots(&self) -> u32 {
+        self.tiles.capacity()
+    }
+
+    /// What selection may know of the imagery.
+    pub fn images(&self) -> Option<&dyn Images> {
+        self.known_images.as_ref().map(|images| images as &dyn Images)
+    }
+
+    /// The slot of a tile.
+    pub fn tile_slot(&self, id: TileId) -> Option<u32> {
+        self.tiles.slot(id)
+    }
+
+    /// The slot of an image.
+    pub fn image_slot(&self, id: TileId) -> Option<u32> {
+        self.images.slot(id)
+    }
+
+    /// Says that frame `now` draws a selection: nothing of it leaves in this frame.
+    pub fn touch(&mut self, selection: &Selection, draws: &[Draw], now: u64) {
+        for tile in &selection.tiles {
+            self.tiles.touch(tile.id, now);
+        }
+        for image in draws.iter().filter_map(|draw| draw.image) {
+            self.images.touch(image, now);
+        }
+    }
+
+    /// Puts a delivery into a slot, in frame `now`; `None` if it is not a tile.
+    pub fn take(&mut self, delivery: &Delivery, now: u64, store: &mut dyn Store) -> Result<Option<Taken>> {
+        match delivery {
+            Delivery::Tile(tile) => self.take_tile(tile, now, store).map(Some),
+            Delivery::Image(image) => self.take_image(image, now, store).map(Some),
+            Delivery::Bad(item, _) => {
+                self.spoil(*item);
+                Ok(None)
+            }
+            Delivery::Settled(_) | Delivery::Ground(_) => Ok(None),
+        }
+    }
+
+    fn take_tile(&mut self, tile: &LoadedTile, now: u64, store: &mut dyn Store) -> Result<Taken> {
+        let id = tile.table.id;
+        Ok(match self.tiles.place(id, now, tile.ahead) {
+            Placed::Useless => Taken::Useless(Item::Tile(id)),
+            Placed::Full if tile.ahead => Taken::Later(Item::Tile(id)),
+            Placed::Full => Taken::Full(Item::Tile(id)),
+            Placed::At { slot, gone } => {
+                if let Some(gone) = gone {
+                    self.known_tiles.remove(gone);
+                }
+                store.put_tile(slot, &tile.data)?;
+                self.known_tiles.add(Arc::clone(&tile.table), &tile.children);
+                let bytes = 4 * tile.data.heights.len() + tile.data.valid.len();
+                Taken::Yes(bytes as u64, gone.map(Item::Tile))
+            }
+        })
+    }
+
+    fn take_image(&mut self, image: &LoadedImage, now: u64, store: &mut dyn Store) -> Result<Taken> {
+        let id = image.id;
+        let Some(known) = &mut self.known_images else {
+            return Ok(Taken::Useless(Item::Image(id)));
+        };
+        Ok(match self.images.place(id, now, image.ahead) {
+            Placed::Useless => Taken::Useless(Item::Image(id)),
+            Placed::Full if image.ahead => Taken::Later(Item::Image(id)),
+            Placed::Full => Taken::Full(Item::Image(id)),
+            Placed::At { slot, gone } => {
+                if let Some(gone) = gone {
+                    known.remove(gone);
+                }
+                store.put_image(slot, &image.texels)?;
+                known.add(id, &image.children);
+                Taken::Yes(4 * (image.texels.side * image.texels.side) as u64, gone.map(Item::Image))
+            }
+        })
+    }
+
+    fn spoil(&mut self, item: Item) {
+        match (item, &mut self.known_images) {
+            (Item::Tile(id), _) => self.known_tiles.spoil(id),
+            (Item::Image(id), Some(images)) => images.spoil(id),
+            (Item::Image(_), None) => {}
+        }
+    }
+
+    /// Frees what no frame has used for long; says what.
+    pub fn expire(&mut self, now: u64) -> Vec<Item> {
+        let tiles = self.tiles.expire(now);
+        for &id in &tiles {
+            self.known_tiles.remove(id);
+        }
+        let images = self.images.expire(now);
+        if let Some(known) = &mut self.known_images {
+            for &id in &images {
+                known.remove(id);
+            }
+        }
+        tiles.into_iter().map(Item::Tile).chain(images.into_iter().map(Item::Image)).collect()
+    }
+}
+
+impl Tiles for Residency {
+    fn header(&self) -> &Header {
+        self.known_tiles.header()
+    }
+
+    fn node(&self, id: TileId) -> Option<Node> {
+        self.known_tiles.node(id)
+    }
+
+    fn table(&self, id: TileId) -> Option<Arc<TileTable>> {
+        self.known_tiles.table(id)
+    }
+}

@@ -1,0 +1,368 @@
+//! A frame of the window: controls, picture, overlay, title, and the commands of keys.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use relevo::select::{Levels, View};
+use relevo::{Error, Result};
+use winit::event_loop::OwnedDisplayHandle;
+use winit::window::Window;
+
+use crate::camera::{FOV, Mode, Rig, moved, near};
+use crate::canvas::Canvas;
+use crate::flyover;
+use crate::governor::{Governor, Load};
+use crate::gpu::{Drawn, Look, picture};
+use crate::input::{Command, HELP, Input};
+use crate::overlay::{Overlay, Text};
+use crate::path::{CameraPath, Key};
+use crate::scene::{Picture, Terrain};
+use crate::settings::Settings;
+use crate::stage::{Drawing, PAINTS, Stage, promised};
+
+/// How long a message stays.
+const NOTICE: Duration = Duration::from_secs(6);
+/// Time between two titles.
+const TITLE: Duration = Duration::from_millis(500);
+/// Seconds between two keys of a recorded path.
+const KEY_EVERY: f64 = 0.25;
+/// Frames that are drawn after the last change: uploads and counters need some.
+const SETTLE_FRAMES: u32 = 4;
+
+/// What the window shows.
+pub struct Show {
+    canvas: Canvas,
+    stage: Stage,
+    overlay: Overlay,
+    /// Keys and mouse.
+    pub input: Input,
+    name: String,
+    rig: Rig,
+    look: Look,
+    /// As asked; what is drawn may have a higher one while the camera moves.
+    tolerance: f64,
+    governor: Governor,
+    drawn_tolerance: f64,
+    help: bool,
+    /// The selection that is drawn whatever the camera does, with its steps.
+    frozen: Option<(Picture, Levels)>,
+    recording: Option<(Instant, Vec<Key>)>,
+    notices: Vec<(String, Instant)>,
+    messages: Vec<String>,
+    /// The last frame: its view and when it began.
+    last: Option<(View, Instant)>,
+    drawn: Drawn,
+    quiet: u32,
+    counted: (Instant, u32),
+    visible: bool,
+}
+
+impl Show {
+    /// Device, scene and camera for a window.
+    pub fn new(
+        window: Arc<Window>,
+        display: Box<OwnedDisplayHandle>,
+        terrain: Terrain,
+        settings: &Settings,
+        name: String,
+    ) -> Result<Self> {
+        let overview = flyover::overview(terrain.reader())?;
+        let (canvas, gpu) = Canvas::new(Arc::clone(&window), display, &settings.adapter)?;
+        // A window may become as large as its monitor: its depth buffer is part of the budget.
+        let monitor =
+            window.current_monitor().map_or((0, 0), |monitor| (monitor.size().width, monitor.size().height));
+        let size = canvas.size();
+        let largest = (size.0.max(monitor.0), size.1.max(monitor.1));
+        let stage = Stage::new(gpu, terrain, settings, largest, canvas.format())?;
+        let overlay = Overlay::new(&stage.gpu, canvas.format())?;
+        let look = stage.look(settings);
+        let rig = Rig::new(&overview, stage.scene.frame());
+        let mut show = Self {
+            canvas,
+            overlay,
+            input: Input::default(),
+            name,
+            rig,
+            look,
+            tolerance: settings.tolerance,
+            governor: Governor::new(settings.target, settings.tolerance),
+            drawn_tolerance: settings.tolerance,
+            help: false,
+            frozen: None,
+            recording: None,
+            notices: Vec::new(),
+            messages: Vec::new(),
+            last: None,
+            drawn: Drawn::default(),
+            quiet: 0,
+            counted: (Instant::now(), 0),
+            visible: true,
+            stage,
+        };
+        show.notice(format!("{}: H shows the keys", show.stage.gpu.name()));
+        Ok(show)
+    }
+
+    /// The window.
+    pub fn window(&self) -> &Window {
+        self.canvas.window()
+    }
+
+    /// False while the window has no size.
+    pub fn visible(&self) -> bool {
+        self.visible
+    }
+
+    /// True while the next frame may differ from the last.
+    pub fn busy(&self) -> bool {
+        self.input.active() || self.quiet < SETTLE_FRAMES || self.recording.is_some()
+    }
+
+    /// Another size in pixels; nothing is drawn while one side is 0.
+    pub fn resize(&mut self, size: (u32, u32)) {
+        self.visible = size.0 > 0 && size.1 > 0;
+        if self.visible {
+            self.canvas.resize(size);
+        }
+        self.quiet = 0;
+    }
+
+    /// What is to be said in the terminal.
+    pub fn take_messages(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.messages)
+    }
+
+    fn notice(&mut self, text: String) {
+        self.notices.push((text, Instant::now()));
+        let old = self.notices.len().saturating_sub(5);
+        self.notices.drain(..old);
+        self.quiet = 0;
+    }
+
+    /// Does what a key asks for; false if it asks for the end.
+    pub fn obey(&mut self, command: Command) -> Result<bool> {
+        self.quiet = 0;
+        match command {
+            Command::Quit => {
+                self.stop_recording();
+                return Ok(false);
+            }
+            Command::Help => self.help = !self.help,
+            Command::Tolerance(factor) => {
+                self.tolerance = (self.tolerance * factor).clamp(0.05, 100.0);
+                self.notice(format!("tolerance {:.2} pixels", self.tolerance));
+            }
+            Command::Exaggeration(factor) => self.exaggerate(factor),
+            Command::Paint(paint) => {
+                self.look.paint = paint;
+                let name = PAINTS.iter().find(|(_, other)| *other == paint).map_or("", |(name, _)| name);
+                self.notice(format!("colours: {name}"));
+            }
+            Command::Wireframe => self.look.wireframe = !self.look.wireframe,
+            Command::Borders => self.look.borders = !self.look.borders,
+            Command::Freeze => self.freeze(),
+            Command::Screenshot => self.screenshot()?,
+            Command::Record if self.recording.is_some() => self.stop_recording(),
+            Command::Record => {
+                self.recording = Some((Instant::now(), Vec::new()));
+                self.notice("recording the camera path".into());
+            }
+            Command::Mode => self.change_mode(),
+        }
+        Ok(true)
+    }
+
+    fn exaggerate(&mut self, factor: f64) {
+        let before = self.stage.scene.frame().exaggeration;
+        let after = (before * factor).clamp(0.1, 50.0);
+        self.stage.scene.exaggerate(after);
+        self.rig.exaggerate(before, after);
+        self.notice(format!("exaggeration {after:.2}"));
+    }
+
+    fn change_mode(&mut self) {
+        self.rig.mode = if self.rig.mode == Mode::Fly { Mode::Orbit } else { Mode::Fly };
+        if self.rig.mode == Mode::Orbit {
+            // Round the point where the look meets the ground, if it does so soon.
+            let down = -self.rig.forward()[2];
+            let above = self.above();
+            self.rig.distance = if down > 0.05 { above / down } else { 4.0 * above };
+        }
+        self.notice(if self.rig.mode == Mode::Fly { "flying".into() } else { "orbiting".into() });
+    }
+
+    fn freeze(&mut self) {
+        if self.frozen.take().is_some() {
+            self.notice("selection follows the camera".into());
+            return;
+        }
+        let view = self.view();
+        let picture = self.stage.scene.choose(&view, self.drawn_tolerance);
+        let (frame, rule) = (self.stage.scene.frame(), self.stage.scene.rule());
+        let levels = Levels::of(&picture.selection, frame, &view, self.drawn_tolerance, rule);
+        self.frozen = Some((picture, levels));
+        self.notice("selection is frozen".into());
+    }
+
+    fn stop_recording(&mut self) {
+        let Some((_, mut keys)) = self.recording.take() else { return };
+        keys.dedup_by(|b, a| b.time <= a.time);
+        let file = free_name("relevo-path", "json");
+        let written = CameraPath::new(FOV, keys).and_then(|path| path.write(&file));
+        self.say(match written {
+            Ok(()) => format!("camera path: {}", file.display()),
+            Err(error) => format!("no camera path: {error}"),
+        });
+    }
+
+    /// In the window and in the terminal.
+    fn say(&mut self, text: String) {
+        self.messages.push(text.clone());
+        self.notice(text);
+    }
+
+    /// Metres of the frame above the ground, at least a little.
+    fn above(&self) -> f64 {
+        let frame = self.stage.scene.frame();
+        let ground = self.stage.scene.ground();
+        let (low, high) = self.stage.scene.heights();
+        let middle = f64::from(low + high) / 2.0 * frame.exaggeration;
+        (self.rig.eye[2] - ground.unwrap_or(middle)).abs().max(40.0 * near(frame))
+    }
+
+    fn view(&self) -> View {
+        let frame = self.stage.scene.frame();
+        self.rig.pose(frame).view(frame, FOV, self.canvas.size())
+    }
+
+    fn screenshot(&mut self) -> Result<()> {
+        let file = free_name("relevo-picture", "png");
+        let size = self.canvas.size();
+        let target = picture::Picture::new(&self.stage.gpu, size, self.canvas.format())?;
+        let view = self.view();
+        let chosen = match &self.frozen {
+            Some((picture, _)) => picture.clone(),
+            None => self.stage.scene.choose(&view, self.drawn_tolerance),
+        };
+        let levels = self.frozen.as_ref().map(|(_, levels)| levels);
+        let drawing = Drawing { view: &view, tolerance: self.drawn_tolerance, look: self.look, levels };
+        self.stage.draw(&chosen, &drawing, target.view(), size)?;
+        let saved = target.save(&self.stage.gpu, &file);
+        self.say(match saved {
+            Ok(()) => format!("picture: {}", file.display()),
+            Err(error @ Error::Io { .. }) => format!("no picture: {error}"),
+            Err(error) => return Err(error),
+        });
+        Ok(())
+    }
+
+    /// Draws a frame. Fails if it makes no sense to go on.
+    pub fn frame(&mut self) -> Result<()> {
+        if !self.visible {
+            return Ok(());
+        }
+        let now = Instant::now();
+        let seconds = self.last.map_or(0.0, |(_, before)| (now - before).as_secs_f64());
+        self.drive(seconds.min(0.2));
+        let view = self.view();
+        let moving = self.last.is_none_or(|(before, _)| moved(&before, &view));
+        self.last = Some((view, now));
+        self.record(now);
+        // The pause of a window at rest is not what a frame costs.
+        let seconds = if self.quiet < SETTLE_FRAMES { seconds } else { 0.0 };
+        let load = Load { seconds, triangles: self.drawn.triangles, moving };
+        let tolerance = self.governor.next(self.tolerance, load);
+        let steady = tolerance == self.drawn_tolerance;
+        self.drawn_tolerance = tolerance;
+
+        let picture = self.choose(&view)?;
+        for problem in self.stage.scene.take_problems() {
+            self.say(problem);
+        }
+        let Some(texture) = self.canvas.acquire(&self.stage.gpu)? else { return Ok(()) };
+        let target = texture.texture.create_view(&wgpu::TextureViewDescriptor::default());
+        let size = self.canvas.size();
+        let levels = self.frozen.as_ref().map(|(_, levels)| levels);
+        let drawing = Drawing { view: &view, tolerance, look: self.look, levels };
+        self.stage.draw(&picture, &drawing, &target, size)?;
+        let texts = self.texts(now);
+        self.overlay.draw(&self.stage.gpu, &texts, &target, size);
+        self.stage.gpu.queue.present(texture);
+        let drawn = self.stage.renderer.latest(&self.stage.gpu)?;
+        let same =
+            drawn == self.drawn && steady && !moving && picture.pending == 0 && self.notices.is_empty();
+        self.drawn = drawn;
+        self.quiet = if same { self.quiet.saturating_add(1) } else { 0 };
+        self.title(now, &picture, &view);
+        Ok(())
+    }
+
+    fn drive(&mut self, seconds: f64) {
+        let above = self.above();
+        let height = self.canvas.size().1;
+        self.input.drive(&mut self.rig, seconds, above, height);
+        if let Some(ground) = self.stage.scene.ground() {
+            self.rig.stay_above(ground, 4.0 * near(self.stage.scene.frame()));
+        }
+    }
+
+    fn record(&mut self, now: Instant) {
+        let pose = self.rig.pose(self.stage.scene.frame());
+        let Some((begun, keys)) = &mut self.recording else { return };
+        let time = (now - *begun).as_secs_f64();
+        if keys.last().is_none_or(|key| time >= key.time + KEY_EVERY) {
+            keys.push(Key { time, pose });
+        }
+    }
+
+    fn choose(&mut self, view: &View) -> Result<Picture> {
+        let Some((picture, _)) = &self.frozen else { return self.stage.stream(view, self.drawn_tolerance) };
+        self.stage.scene.advance();
+        self.stage.scene.keep(picture);
+        Ok(picture.clone())
+    }
+
+    fn texts(&mut self, now: Instant) -> Vec<Text> {
+        self.notices.retain(|(_, since)| now - *since < NOTICE);
+        let notices = self.notices.iter().map(|(text, _)| text.clone()).collect();
+        let help = if self.help { HELP.map(String::from).to_vec() } else { Vec::new() };
+        vec![Text { lines: help, bottom: false }, Text { lines: notices, bottom: true }]
+    }
+
+    fn title(&mut self, now: Instant, picture: &Picture, view: &View) {
+        self.counted.1 += 1;
+        let seconds = (now - self.counted.0).as_secs_f64();
+        if seconds < TITLE.as_secs_f64() {
+            return;
+        }
+        let fps = f64::from(self.counted.1) / seconds;
+        self.counted = (now, 0);
+        let (frame, rule) = (self.stage.scene.frame(), self.stage.scene.rule());
+        let of_view = || Levels::of(&picture.selection, frame, view, self.drawn_tolerance, rule);
+        let levels = self.frozen.as_ref().map_or_else(of_view, |(_, levels)| levels.clone());
+        let worst = promised(&picture.selection, &levels, frame, view);
+        let megabytes = self.stage.gpu_bytes() as f64 / f64::from(1 << 20);
+        let state = match (&self.frozen, &self.recording) {
+            (_, Some(_)) => ", recording",
+            (Some(_), None) => ", frozen",
+            (None, None) => "",
+        };
+        let title = format!(
+            "Relevo - {} - {fps:.0} fps, {} tiles, {} patches, {} triangles, {megabytes:.0} MB, error {worst:.2} of {:.2} px{state}",
+            self.name,
+            picture.selection.tiles.len(),
+            self.drawn.patches,
+            self.drawn.triangles,
+            self.drawn_tolerance,
+        );
+        self.canvas.window().set_title(&title);
+    }
+}
+
+/// The first name with a number that no file has.
+fn free_name(stem: &str, extension: &str) -> PathBuf {
+    let names = (1..10_000).map(|number| PathBuf::from(format!("{stem}-{number:03}.{extension}")));
+    let mut free = names.filter(|name| !name.exists());
+    free.next().unwrap_or_else(|| PathBuf::from(format!("{stem}.{extension}")))
+}
