@@ -29,9 +29,14 @@ fn a_path_over_a_file_ten_times_the_budget_stays_within_it() {
         assert_eq!(bytes.len(), 60);
         assert!(bytes.iter().all(|&bytes| bytes > 0.0 && bytes <= BUDGET), "{mode:?}: {bytes:?}");
         let tiles = table.column("tiles");
-        assert!(tiles[20..].iter().all(|&tiles| tiles >= 4.0), "{mode:?}: {tiles:?}");
+        let promised = table.column("promised_px");
+        // Few tiles are drawn only where few are good enough.
+        let mut late = tiles.iter().zip(&promised).skip(20);
+        assert!(
+            late.all(|(&tiles, &pixels)| tiles >= 4.0 || pixels <= 2.001),
+            "{mode:?}: {tiles:?}, {promised:?}"
+        );
         if mode.is_empty() {
-            let promised = table.column("promised_px");
             let good = promised.iter().filter(|&&pixels| pixels <= 2.001).count();
             assert!(good >= 45, "the budget pays for most frames: {promised:?}");
         }
