@@ -10,7 +10,7 @@ use crate::gpu::Paint;
 use crate::stage::PAINTS;
 
 /// What the help says.
-pub const HELP: [&str; 17] = [
+pub const HELP: &[&str] = &[
     "W A S D   fly ahead, left, back, right",
     "Q E       down, up          Shift  5 times as fast",
     "drag      look round (orbit: go round)",
@@ -27,6 +27,8 @@ pub const HELP: [&str; 17] = [
     "L         freeze what is selected",
     "P         picture to a file",
     "R         record the camera path to a file, on and off",
+    #[cfg(feature = "ui")]
+    "Tab       panel on and off",
     "H F1      this help         Esc  quit",
 ];
 
@@ -55,6 +57,9 @@ pub enum Command {
     Record,
     /// Fly or orbit.
     Mode,
+    /// Panel on or off.
+    #[cfg(feature = "ui")]
+    Panel,
 }
 
 /// A quarter more or less.
@@ -65,6 +70,8 @@ pub fn command(key: &Key) -> Option<Command> {
     let text = match key {
         Key::Named(NamedKey::Escape) => return Some(Command::Quit),
         Key::Named(NamedKey::F1) => return Some(Command::Help),
+        #[cfg(feature = "ui")]
+        Key::Named(NamedKey::Tab) => return Some(Command::Panel),
         Key::Character(text) => text.to_lowercase(),
         _ => return None,
     };

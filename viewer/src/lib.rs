@@ -16,6 +16,8 @@ pub mod known;
 pub mod loader;
 pub mod metrics;
 pub mod overlay;
+#[cfg(feature = "ui")]
+pub mod panel;
 pub mod path;
 pub mod pool;
 pub mod residency;

@@ -33,6 +33,27 @@ pub struct Row {
     pub observed: Option<f64>,
 }
 
+/// Figures of a window: what its title says.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Figures {
+    /// Frames per second.
+    pub fps: f64,
+    /// Tiles drawn.
+    pub tiles: usize,
+    /// Patches drawn.
+    pub patches: u32,
+    /// Triangles drawn.
+    pub triangles: u64,
+    /// MiB of the GPU's memory that hold heights and imagery.
+    pub megabytes: f64,
+    /// Tiles and images that would be drawn if they were loaded.
+    pub pending: usize,
+    /// Tolerance, pixels.
+    pub tolerance: f64,
+    /// Largest projected error of a drawn patch, pixels: what the tables promise.
+    pub promised: f64,
+}
+
 /// Names of the columns.
 pub const COLUMNS: &str = "frame,time_s,select_ms,frame_ms,tiles,patches,triangles,draws,gpu_bytes,loads_pending,\
                            tolerance_px,promised_px,observed_px";

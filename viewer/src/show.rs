@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 
 use relevo::select::{Levels, View};
 use relevo::{Error, Result};
+#[cfg(feature = "ui")]
+use winit::event::WindowEvent;
 use winit::event_loop::OwnedDisplayHandle;
 use winit::window::Window;
 
@@ -15,7 +17,10 @@ use crate::flyover;
 use crate::governor::{Governor, Load};
 use crate::gpu::{Drawn, Look, picture};
 use crate::input::{Command, HELP, Input};
+use crate::metrics::Figures;
 use crate::overlay::{Overlay, Text};
+#[cfg(feature = "ui")]
+use crate::panel::{Change, Panel, State};
 use crate::path::{CameraPath, Key};
 use crate::scene::{Picture, Terrain};
 use crate::settings::Settings;
@@ -35,6 +40,8 @@ pub struct Show {
     canvas: Canvas,
     stage: Stage,
     overlay: Overlay,
+    #[cfg(feature = "ui")]
+    panel: Panel,
     /// Keys and mouse.
     pub input: Input,
     name: String,
@@ -55,6 +62,9 @@ pub struct Show {
     drawn: Drawn,
     quiet: u32,
     counted: (Instant, u32),
+    /// As the title says them.
+    #[cfg(feature = "ui")]
+    figures: Figures,
     visible: bool,
 }
 
@@ -76,11 +86,15 @@ impl Show {
         let largest = (size.0.max(monitor.0), size.1.max(monitor.1));
         let stage = Stage::new(gpu, terrain, settings, largest, canvas.format())?;
         let overlay = Overlay::new(&stage.gpu, canvas.format())?;
+        #[cfg(feature = "ui")]
+        let panel = Panel::new(&stage.gpu, canvas.format(), canvas.window())?;
         let look = stage.look(settings);
         let rig = Rig::new(&overview, stage.scene.frame());
         let mut show = Self {
             canvas,
             overlay,
+            #[cfg(feature = "ui")]
+            panel,
             input: Input::default(),
             name,
             rig,
@@ -97,6 +111,8 @@ impl Show {
             drawn: Drawn::default(),
             quiet: 0,
             counted: (Instant::now(), 0),
+            #[cfg(feature = "ui")]
+            figures: Figures::default(),
             visible: true,
             stage,
         };
@@ -116,6 +132,10 @@ impl Show {
 
     /// True while the next frame may differ from the last.
     pub fn busy(&self) -> bool {
+        #[cfg(feature = "ui")]
+        if self.panel.busy() {
+            return true;
+        }
         self.input.active() || self.quiet < SETTLE_FRAMES || self.recording.is_some()
     }
 
@@ -150,10 +170,13 @@ impl Show {
             }
             Command::Help => self.help = !self.help,
             Command::Tolerance(factor) => {
-                self.tolerance = (self.tolerance * factor).clamp(0.05, 100.0);
+                self.tolerate(self.tolerance * factor);
                 self.notice(format!("tolerance {:.2} pixels", self.tolerance));
             }
-            Command::Exaggeration(factor) => self.exaggerate(factor),
+            Command::Exaggeration(factor) => {
+                self.exaggerate(self.stage.scene.frame().exaggeration * factor);
+                self.notice(format!("exaggeration {:.2}", self.stage.scene.frame().exaggeration));
+            }
             Command::Paint(paint) => {
                 self.look.paint = paint;
                 let name = PAINTS.iter().find(|(_, other)| *other == paint).map_or("", |(name, _)| name);
@@ -169,16 +192,21 @@ impl Show {
                 self.notice("recording the camera path".into());
             }
             Command::Mode => self.change_mode(),
+            #[cfg(feature = "ui")]
+            Command::Panel => self.panel.toggle(),
         }
         Ok(true)
     }
 
+    fn tolerate(&mut self, pixels: f64) {
+        self.tolerance = pixels.clamp(0.05, 100.0);
+    }
+
     fn exaggerate(&mut self, factor: f64) {
         let before = self.stage.scene.frame().exaggeration;
-        let after = (before * factor).clamp(0.1, 50.0);
+        let after = factor.clamp(0.1, 50.0);
         self.stage.scene.exaggerate(after);
         self.rig.exaggerate(before, after);
-        self.notice(format!("exaggeration {after:.2}"));
     }
 
     fn change_mode(&mut self) {
@@ -288,6 +316,8 @@ impl Show {
         self.stage.draw(&picture, &drawing, &target, size)?;
         let texts = self.texts(now);
         self.overlay.draw(&self.stage.gpu, &texts, &target, size);
+        #[cfg(feature = "ui")]
+        let changes = self.draw_panel(&target)?;
         self.stage.gpu.queue.present(texture);
         let drawn = self.stage.renderer.latest(&self.stage.gpu)?;
         let same =
@@ -295,6 +325,42 @@ impl Show {
         self.drawn = drawn;
         self.quiet = if same { self.quiet.saturating_add(1) } else { 0 };
         self.title(now, &picture, &view);
+        #[cfg(feature = "ui")]
+        changes.into_iter().try_for_each(|change| self.change(change))?;
+        Ok(())
+    }
+
+    /// True if the panel wants an event: it is not for the camera then.
+    #[cfg(feature = "ui")]
+    pub fn panel_takes(&mut self, event: &WindowEvent) -> bool {
+        self.panel.takes(self.canvas.window(), event)
+    }
+
+    /// The panel over the picture; what was changed in it.
+    #[cfg(feature = "ui")]
+    fn draw_panel(&mut self, target: &wgpu::TextureView) -> Result<Vec<Change>> {
+        let state = State {
+            name: &self.name,
+            tolerance: self.tolerance,
+            exaggeration: self.stage.scene.frame().exaggeration,
+            look: self.look,
+            frozen: self.frozen.is_some(),
+            mode: self.rig.mode,
+            help: self.help,
+            figures: self.figures,
+        };
+        self.panel.draw(&self.stage.gpu, &self.canvas, &state, target)
+    }
+
+    /// Does what the panel asks for.
+    #[cfg(feature = "ui")]
+    fn change(&mut self, change: Change) -> Result<()> {
+        self.quiet = 0;
+        match change {
+            Change::Tolerance(pixels) => self.tolerate(pixels),
+            Change::Exaggeration(factor) => self.exaggerate(factor),
+            Change::Obey(command) => drop(self.obey(command)?),
+        }
         Ok(())
     }
 
@@ -326,7 +392,7 @@ impl Show {
     fn texts(&mut self, now: Instant) -> Vec<Text> {
         self.notices.retain(|(_, since)| now - *since < NOTICE);
         let notices = self.notices.iter().map(|(text, _)| text.clone()).collect();
-        let help = if self.help { HELP.map(String::from).to_vec() } else { Vec::new() };
+        let help = if self.help { HELP.iter().copied().map(String::from).collect() } else { Vec::new() };
         vec![Text { lines: help, bottom: false }, Text { lines: notices, bottom: true }]
     }
 
@@ -341,20 +407,35 @@ impl Show {
         let (frame, rule) = (self.stage.scene.frame(), self.stage.scene.rule());
         let of_view = || Levels::of(&picture.selection, frame, view, self.drawn_tolerance, rule);
         let levels = self.frozen.as_ref().map_or_else(of_view, |(_, levels)| levels.clone());
-        let worst = promised(&picture.selection, &levels, frame, view);
-        let megabytes = self.stage.gpu_bytes() as f64 / f64::from(1 << 20);
+        let figures = Figures {
+            fps,
+            tiles: picture.selection.tiles.len(),
+            patches: self.drawn.patches,
+            triangles: self.drawn.triangles,
+            megabytes: self.stage.gpu_bytes() as f64 / f64::from(1 << 20),
+            pending: picture.pending,
+            tolerance: self.drawn_tolerance,
+            promised: promised(&picture.selection, &levels, frame, view),
+        };
+        #[cfg(feature = "ui")]
+        {
+            self.figures = figures;
+        }
         let state = match (&self.frozen, &self.recording) {
             (_, Some(_)) => ", recording",
             (Some(_), None) => ", frozen",
             (None, None) => "",
         };
         let title = format!(
-            "Relevo - {} - {fps:.0} fps, {} tiles, {} patches, {} triangles, {megabytes:.0} MB, error {worst:.2} of {:.2} px{state}",
+            "Relevo - {} - {:.0} fps, {} tiles, {} patches, {} triangles, {:.0} MB, error {:.2} of {:.2} px{state}",
             self.name,
-            picture.selection.tiles.len(),
-            self.drawn.patches,
-            self.drawn.triangles,
-            self.drawn_tolerance,
+            figures.fps,
+            figures.tiles,
+            figures.patches,
+            figures.triangles,
+            figures.megabytes,
+            figures.promised,
+            figures.tolerance,
         );
         self.canvas.window().set_title(&title);
     }

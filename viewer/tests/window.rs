@@ -155,6 +155,34 @@ fn it_opens_reacts_to_keys_and_closes_clean() {
     follow(folder.path(), &file);
 }
 
+#[cfg(feature = "ui")]
+#[test]
+fn a_click_in_the_panel_acts_while_it_is_open() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = fixture(folder.path(), "rmnp_dem_uint16.tif", 32, 8);
+    let display = Display::open();
+    let program = Program::start(&display, folder.path(), &file, &[]);
+    wait("a title with figures", || display.title().contains("of 1.00 px"));
+    display.xdotool(&["windowfocus", "--sync", &display.window().expect("a window")]);
+    // Wide and high enough for all switches.
+    display.xdotool(&["windowsize", "--sync", &display.window().expect("a window"), "700", "560"]);
+    let freeze =
+        || display.xdotool(&["mousemove", "473", "317", "sleep", "0.5", "click", "1", "sleep", "0.5"]);
+    display.key("Tab");
+    freeze();
+    display.key("minus");
+    wait("a smaller tolerance in the title", || display.title().contains("of 0.80 px"));
+    assert!(!display.title().contains("frozen"), "a closed panel acts: {}", display.title());
+    display.key("Tab");
+    freeze();
+    wait("a frozen selection", || display.title().contains("frozen"));
+    display.key("l");
+    wait("keys that act beside the panel", || !display.title().contains("frozen"));
+    display.key("Escape");
+    let (code, errors) = program.end();
+    assert!(code == Some(0) && !errors.contains("panicked"), "{code:?} {errors}");
+}
+
 /// Records a path while flying and orbiting.
 fn record(display: &Display, folder: &Path) {
     display.key("r");
