@@ -1,37 +1,36 @@
-//! A frame of the window: controls, picture, overlay, title, and the commands of keys.
+//! A frame of the window: controls, picture, overlay, title. What keys ask for is done in `commands`.
 
-use std::path::PathBuf;
+mod commands;
+
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use relevo::Result;
 use relevo::select::{Levels, View};
-use relevo::{Error, Result};
 #[cfg(feature = "ui")]
 use winit::event::WindowEvent;
 use winit::event_loop::OwnedDisplayHandle;
 use winit::window::Window;
 
-use crate::camera::{FOV, Mode, Rig, moved, near};
+use crate::camera::{FOV, Rig, moved, near};
 use crate::canvas::Canvas;
 use crate::flyover;
 use crate::governor::{Governor, Load};
-use crate::gpu::{Drawn, Look, picture};
-use crate::input::{Command, HELP, Input};
+use crate::gpu::{Drawn, Look};
+use crate::input::{HELP, Input};
 use crate::metrics::Figures;
 use crate::overlay::{Overlay, Text};
 #[cfg(feature = "ui")]
 use crate::panel::{Change, Panel, State};
-use crate::path::{CameraPath, Key};
+use crate::path::Key;
 use crate::scene::{Picture, Terrain};
 use crate::settings::Settings;
-use crate::stage::{Drawing, PAINTS, Stage, promised};
+use crate::stage::{Drawing, Stage, promised};
 
 /// How long a message stays.
 const NOTICE: Duration = Duration::from_secs(6);
 /// Time between two titles.
 const TITLE: Duration = Duration::from_millis(500);
-/// Seconds between two keys of a recorded path.
-const KEY_EVERY: f64 = 0.25;
 /// Frames that are drawn after the last change: uploads and counters need some.
 const SETTLE_FRAMES: u32 = 4;
 
@@ -160,90 +159,6 @@ impl Show {
         self.quiet = 0;
     }
 
-    /// Does what a key asks for; false if it asks for the end.
-    pub fn obey(&mut self, command: Command) -> Result<bool> {
-        self.quiet = 0;
-        match command {
-            Command::Quit => {
-                self.stop_recording();
-                return Ok(false);
-            }
-            Command::Help => self.help = !self.help,
-            Command::Tolerance(factor) => {
-                self.tolerate(self.tolerance * factor);
-                self.notice(format!("tolerance {:.2} pixels", self.tolerance));
-            }
-            Command::Exaggeration(factor) => {
-                self.exaggerate(self.stage.scene.frame().exaggeration * factor);
-                self.notice(format!("exaggeration {:.2}", self.stage.scene.frame().exaggeration));
-            }
-            Command::Paint(paint) => {
-                self.look.paint = paint;
-                let name = PAINTS.iter().find(|(_, other)| *other == paint).map_or("", |(name, _)| name);
-                self.notice(format!("colours: {name}"));
-            }
-            Command::Wireframe => self.look.wireframe = !self.look.wireframe,
-            Command::Borders => self.look.borders = !self.look.borders,
-            Command::Freeze => self.freeze(),
-            Command::Screenshot => self.screenshot()?,
-            Command::Record if self.recording.is_some() => self.stop_recording(),
-            Command::Record => {
-                self.recording = Some((Instant::now(), Vec::new()));
-                self.notice("recording the camera path".into());
-            }
-            Command::Mode => self.change_mode(),
-            #[cfg(feature = "ui")]
-            Command::Panel => self.panel.toggle(),
-        }
-        Ok(true)
-    }
-
-    fn tolerate(&mut self, pixels: f64) {
-        self.tolerance = pixels.clamp(0.05, 100.0);
-    }
-
-    fn exaggerate(&mut self, factor: f64) {
-        let before = self.stage.scene.frame().exaggeration;
-        let after = factor.clamp(0.1, 50.0);
-        self.stage.scene.exaggerate(after);
-        self.rig.exaggerate(before, after);
-    }
-
-    fn change_mode(&mut self) {
-        self.rig.mode = if self.rig.mode == Mode::Fly { Mode::Orbit } else { Mode::Fly };
-        if self.rig.mode == Mode::Orbit {
-            // Round the point where the look meets the ground, if it does so soon.
-            let down = -self.rig.forward()[2];
-            let above = self.above();
-            self.rig.distance = if down > 0.05 { above / down } else { 4.0 * above };
-        }
-        self.notice(if self.rig.mode == Mode::Fly { "flying".into() } else { "orbiting".into() });
-    }
-
-    fn freeze(&mut self) {
-        if self.frozen.take().is_some() {
-            self.notice("selection follows the camera".into());
-            return;
-        }
-        let view = self.view();
-        let picture = self.stage.scene.choose(&view, self.drawn_tolerance);
-        let (frame, rule) = (self.stage.scene.frame(), self.stage.scene.rule());
-        let levels = Levels::of(&picture.selection, frame, &view, self.drawn_tolerance, rule);
-        self.frozen = Some((picture, levels));
-        self.notice("selection is frozen".into());
-    }
-
-    fn stop_recording(&mut self) {
-        let Some((_, mut keys)) = self.recording.take() else { return };
-        keys.dedup_by(|b, a| b.time <= a.time);
-        let file = free_name("relevo-path", "json");
-        let written = CameraPath::new(FOV, keys).and_then(|path| path.write(&file));
-        self.say(match written {
-            Ok(()) => format!("camera path: {}", file.display()),
-            Err(error) => format!("no camera path: {error}"),
-        });
-    }
-
     /// In the window and in the terminal.
     fn say(&mut self, text: String) {
         self.messages.push(text.clone());
@@ -262,27 +177,6 @@ impl Show {
     fn view(&self) -> View {
         let frame = self.stage.scene.frame();
         self.rig.pose(frame).view(frame, FOV, self.canvas.size())
-    }
-
-    fn screenshot(&mut self) -> Result<()> {
-        let file = free_name("relevo-picture", "png");
-        let size = self.canvas.size();
-        let target = picture::Picture::new(&self.stage.gpu, size, self.canvas.format())?;
-        let view = self.view();
-        let chosen = match &self.frozen {
-            Some((picture, _)) => picture.clone(),
-            None => self.stage.scene.choose(&view, self.drawn_tolerance),
-        };
-        let levels = self.frozen.as_ref().map(|(_, levels)| levels);
-        let drawing = Drawing { view: &view, tolerance: self.drawn_tolerance, look: self.look, levels };
-        self.stage.draw(&chosen, &drawing, target.view(), size)?;
-        let saved = target.save(&self.stage.gpu, &file);
-        self.say(match saved {
-            Ok(()) => format!("picture: {}", file.display()),
-            Err(error @ Error::Io { .. }) => format!("no picture: {error}"),
-            Err(error) => return Err(error),
-        });
-        Ok(())
     }
 
     /// Draws a frame. Fails if it makes no sense to go on.
@@ -352,33 +246,12 @@ impl Show {
         self.panel.draw(&self.stage.gpu, &self.canvas, &state, target)
     }
 
-    /// Does what the panel asks for.
-    #[cfg(feature = "ui")]
-    fn change(&mut self, change: Change) -> Result<()> {
-        self.quiet = 0;
-        match change {
-            Change::Tolerance(pixels) => self.tolerate(pixels),
-            Change::Exaggeration(factor) => self.exaggerate(factor),
-            Change::Obey(command) => drop(self.obey(command)?),
-        }
-        Ok(())
-    }
-
     fn drive(&mut self, seconds: f64) {
         let above = self.above();
         let height = self.canvas.size().1;
         self.input.drive(&mut self.rig, seconds, above, height);
         if let Some(ground) = self.stage.scene.ground() {
             self.rig.stay_above(ground, 4.0 * near(self.stage.scene.frame()));
-        }
-    }
-
-    fn record(&mut self, now: Instant) {
-        let pose = self.rig.pose(self.stage.scene.frame());
-        let Some((begun, keys)) = &mut self.recording else { return };
-        let time = (now - *begun).as_secs_f64();
-        if keys.last().is_none_or(|key| time >= key.time + KEY_EVERY) {
-            keys.push(Key { time, pose });
         }
     }
 
@@ -439,11 +312,4 @@ impl Show {
         );
         self.canvas.window().set_title(&title);
     }
-}
-
-/// The first name with a number that no file has.
-fn free_name(stem: &str, extension: &str) -> PathBuf {
-    let names = (1..10_000).map(|number| PathBuf::from(format!("{stem}-{number:03}.{extension}")));
-    let mut free = names.filter(|name| !name.exists());
-    free.next().unwrap_or_else(|| PathBuf::from(format!("{stem}.{extension}")))
 }
