@@ -17,7 +17,7 @@ use relevo::geo::{Crs, CrsKind, Geo};
 use relevo::pipeline::BuildOptions;
 use relevo::sample::SampleType;
 use relevo::select::pattern::Meshes;
-use relevo::select::{EdgeRule, Frame, TileData};
+use relevo::select::{EdgeRule, Frame, Node, TileData};
 use relevo::source::Samples;
 use relevo::{Error, TileId, error_code};
 use truth::{Built, Drawn, Truth, fixture, nearest, open};
@@ -74,6 +74,7 @@ fn covers(built: &Built, masks: &[u8]) {
     built.tiles().into_par_iter().for_each(|id| {
         let data = built.data(id);
         assert!(data.heights.iter().all(|z| z.is_finite()));
+        row_covers(built, &data, &frame);
         let (m, origin, spacing) = (header.patches(), header.origin(id), u64::from(header.spacing(id.level)));
         for (patch, k) in (0..m * m).flat_map(|patch| (0..=p).map(move |k| (patch, k))) {
             let (px, py) = (patch % m, patch / m);
@@ -106,6 +107,23 @@ fn covers(built: &Built, masks: &[u8]) {
         }
         boxes(&data, &truth, origin, spacing);
     });
+}
+
+/// A tile that the index lets pass has no patch at full resolution that the table does not.
+fn row_covers(built: &Built, data: &TileData, frame: &Frame) {
+    let reader = &built.reader;
+    let entry = reader.entry(data.table.id).expect("entry").expect("tile");
+    let row = Node::new(reader.header(), reader.geo(), frame, &entry);
+    let first = 0..data.table.drawable.len();
+    for at in first.filter(|&at| data.table.drawable[at]) {
+        let (vertical, horizontal) = (data.table.vertical[at], data.table.horizontal[at]);
+        let place = || format!("tile {}, patch {at}", entry.id);
+        assert!(
+            vertical <= row.vertical && horizontal <= row.horizontal,
+            "{}: {vertical} {horizontal} {row:?}",
+            place()
+        );
+    }
 }
 
 /// The range of each patch holds the truth, as far as it is shown.

@@ -7,7 +7,7 @@ use crate::container::{Header, TileEntry};
 use crate::error::{Error, Result};
 use crate::error_code::metres_from_code;
 use crate::geo::{CrsKind, Geo};
-use crate::sample::{Lattice, VALID};
+use crate::sample::{Coding, Lattice, SampleType, VALID};
 use crate::tile::TileId;
 
 /// What the index says about a tile, in metres of the frame.
@@ -23,6 +23,35 @@ pub struct Node {
     pub low: f32,
     /// Greatest height, metres.
     pub high: f32,
+}
+
+impl Node {
+    /// Of a row of the index. Its errors are no smaller than those of any patch of the tile's [`TileTable`] at step 0.
+    pub fn new(header: &Header, geo: &Geo, frame: &Frame, entry: &TileEntry) -> Self {
+        let horizontal = f64::from(entry.horizontal_m());
+        // Half of the last bit that heights as f32 have.
+        let rounding = f64::from(entry.min_m.abs().max(entry.max_m.abs())) * f64::from(f32::EPSILON) / 2.0;
+        let vertical = f64::from(entry.vertical_m()) + if is_exact(header) { 0.0 } else { rounding };
+        let scaled =
+            if horizontal > 0.0 { horizontal * frame_scale(header, geo, frame, entry.id) } else { 0.0 };
+        Self {
+            children: entry.children,
+            vertical: round_up(vertical),
+            horizontal: round_up(scaled),
+            low: entry.min_m,
+            high: entry.max_m,
+        }
+    }
+}
+
+/// True if heights in metres fit an f32.
+fn is_exact(header: &Header) -> bool {
+    let metres = header.band_scale == 1.0 && header.band_offset == 0.0 && header.unit_metres == 1.0;
+    let small = match header.source_type {
+        SampleType::Int32 | SampleType::Uint32 => false,
+        _ => header.coding == Coding::Integer { scale: 1.0, offset: 0.0 },
+    };
+    metres && (small || header.coding == Coding::Float32)
 }
 
 /// Error tables of a loaded tile, covering every mesh that [`super::pattern`] draws with [`super::EdgeRule::Shared`].

@@ -17,7 +17,6 @@ use relevo::texel::Texels;
 use relevo::{Error, Result, TileId};
 
 use worker::Worker;
-pub use worker::node;
 
 /// Deliveries that may wait for the drawing thread: a bound on decoded tiles between the threads.
 const WAITING: usize = 32;

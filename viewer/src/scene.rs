@@ -7,12 +7,12 @@ use std::time::Instant;
 use relevo::container::{ImageryLayer, Reader, ReaderOptions};
 use relevo::select::imagery::{self, Draw, Layer};
 use relevo::select::traverse::Tiles;
-use relevo::select::{EdgeRule, Frame, Options, Selection, View, select};
+use relevo::select::{EdgeRule, Frame, Node, Options, Selection, View, select};
 use relevo::{Error, Result, TileId};
 
 use crate::camera;
 use crate::gpu::Sizes;
-use crate::loader::{AHEAD, Ask, Delivery, Item, Loader, Message, node};
+use crate::loader::{AHEAD, Ask, Delivery, Item, Loader, Message};
 use crate::pool::FRESH_FRAMES;
 use crate::residency::{Residency, Store, Taken};
 
@@ -109,7 +109,8 @@ impl Scene {
     pub fn new(terrain: Terrain, sizes: Sizes, rule: EdgeRule, exaggeration: f64) -> Result<Self> {
         let Terrain { reader, for_tiles } = terrain;
         let absent = || Error::format("index", "a root tile", "none").at(reader.path());
-        let root = node(&reader.entry(TileId::ROOT)?.ok_or_else(absent)?);
+        let entry = reader.entry(TileId::ROOT)?.ok_or_else(absent)?;
+        let root = Node::new(reader.header(), reader.geo(), &Frame::of(&reader), &entry);
         let image_root = match reader.imagery() {
             Some(layer) if sizes.images > 0 => layer.entry(TileId::ROOT)?.map(|row| row.children),
             _ => None,

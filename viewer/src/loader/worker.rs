@@ -266,7 +266,7 @@ impl Worker {
 
     /// A row as selection takes it: without children if one of them cannot be read.
     fn node(&self, entry: &TileEntry) -> Node {
-        let mut node = node(entry);
+        let mut node = Node::new(self.reader.header(), self.reader.geo(), &self.frame, entry);
         if entry.child_ids().any(|child| self.bad.contains(&Item::Tile(child))) {
             node.children = 0;
         }
@@ -327,16 +327,5 @@ impl Worker {
         };
         let index = at(row, top) * (data.n as usize + 1) + at(column, left);
         data.heights.get(index).map(|&height| f64::from(height))
-    }
-}
-
-/// The row of a tile as selection takes it.
-pub fn node(entry: &TileEntry) -> Node {
-    Node {
-        children: entry.children,
-        vertical: entry.vertical_m(),
-        horizontal: entry.horizontal_m(),
-        low: entry.min_m,
-        high: entry.max_m,
     }
 }
