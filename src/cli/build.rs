@@ -35,7 +35,7 @@ pub struct Args {
     #[arg(long, default_value_t = 256, value_name = "N")]
     tile: u32,
     /// Intervals of a patch: a power of two, 4 to 64
-    #[arg(long, default_value_t = 64, value_name = "N")]
+    #[arg(long, default_value_t = 32, value_name = "N")]
     patch: u32,
     /// Geometric error: `bound` is never below the true deviation, `paper` is the one-step maximum of the papers
     #[arg(long, default_value = "bound", value_name = "bound|paper", value_parser = ["bound", "paper"])]

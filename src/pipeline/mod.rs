@@ -72,7 +72,7 @@ impl Default for BuildOptions {
     fn default() -> Self {
         Self {
             tile: 256,
-            patch: 64,
+            patch: 32,
             metric: Metric::Bound,
             precision_m: None,
             nodata: None,
