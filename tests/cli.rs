@@ -88,7 +88,7 @@ fn build_info_stats_export_on_a_real_dem() {
     assert_eq!(stats["statistics"]["levels"][0]["void_share"], 0.0);
     let csv = relevo(&["stats", text(&rlv), "--csv"]);
     let csv = String::from_utf8(csv.stdout).expect("text");
-    assert_eq!(csv.lines().count(), 1 + 3 * 7);
+    assert_eq!(csv.lines().count(), 1 + 3 * 6);
     let columns = csv.lines().next().expect("heading").split(',').count();
     assert!(csv.lines().all(|line| line.split(',').count() == columns));
 

@@ -149,8 +149,8 @@ fn the_command_line_builds_windows_of_a_real_dem_and_merges_them() {
     fails(&relevo(&["merge", ne, nw, s, nw, "-o", out, "--force"]), &["both have the tiles 0,0,5,3"]);
     fails(&relevo(&["merge", text(folder.path()), "-o", out, "--force"]), &["state"]);
     let other = at("other");
-    assert!(build(&other, &["--window", "5,0,16,3", "--patch", "32"]).status.success());
-    fails(&relevo(&["merge", nw, text(&other), s, "-o", out, "--force"]), &["--patch was 64, now it is 32"]);
+    assert!(build(&other, &["--window", "5,0,16,3", "--patch", "16"]).status.success());
+    fails(&relevo(&["merge", nw, text(&other), s, "-o", out, "--force"]), &["--patch was 32, now it is 16"]);
     fails(&build(&at("none"), &["--window", "0,0,17,10"]), &["--window 0,0,17,10", "0,0,16,10"]);
     fails(&build(&at("nw"), &["--window", "0,0,5,3"]), &["nw", "--force"]);
     assert!(build(&at("nw"), &["--window", "0,0,5,3", "--force"]).status.success());
