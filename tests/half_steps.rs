@@ -9,8 +9,6 @@ mod verify {
     pub mod terrain;
 }
 
-use std::time::Instant;
-
 use rayon::prelude::*;
 use relevo::codec::table::ErrorTable;
 use relevo::geo::{Crs, CrsKind, Geo};
@@ -262,69 +260,5 @@ fn planes_of_another_size_are_refused() {
         let mut other = table.clone();
         change(&mut other);
         refused(&lattice, &other);
-    }
-}
-
-/// How much larger the tables are than those of the file, and how long they take.
-#[test]
-#[ignore = "prints figures"]
-fn figures() {
-    let shared = |name: &str| fixture("../../../shared/data").join(name);
-    let paths = [
-        fixture("co_elevation_float32_lzw.tif"),
-        shared("N44W072.hgt"),
-        shared("mt_rainier_srtm3_int16_voids.tif"),
-        shared("exploradores_aster_float32_nodata.tif"),
-        shared("N49W124_srtm3_int16_voids.tif"),
-    ];
-    for path in paths.iter().filter(|path| path.exists()) {
-        let built = Built::new(&*open(path), 256, 64);
-        println!("{}", path.display());
-        report(&built);
-    }
-}
-
-fn report(built: &Built) {
-    let frame = Frame::of(&built.reader);
-    let mut ratios = vec![Vec::new(); 7];
-    let (mut fell_back, mut patches, mut outlines) = ([0; 7], 0, [0; 7]);
-    let (mut seconds, mut tiles) = ([0.0; 2], [0; 2]);
-    for id in built.tiles() {
-        let entry = built.reader.entry(id).expect("entry").expect("tile");
-        let (lattice, table) =
-            (built.reader.read_tile(id).expect("tile"), built.reader.read_errors(id).expect("table"));
-        let start = Instant::now();
-        let data = TileData::new(built.reader.header(), built.reader.geo(), &frame, &entry, &lattice, &table)
-            .expect("data");
-        let holed = usize::from(entry.has_void);
-        seconds[holed] += start.elapsed().as_secs_f64();
-        tiles[holed] += 1;
-        let count = table.drawable.len();
-        for at in (0..table.vertical.len()).filter(|at| table.drawable[at % count]) {
-            let k = at / count;
-            patches += usize::from(k == 0);
-            let file = error_code::metres_from_code(table.vertical[at]);
-            if file > 0.0 {
-                ratios[k].push(data.table.vertical[at] / file);
-            }
-            fell_back[k] += usize::from(file > 0.0 && data.table.vertical[at] > 3.0 * file);
-            let file = error_code::metres_from_code(table.horizontal[at]);
-            outlines[k] += usize::from(data.table.horizontal[at] > 1.05 * file);
-        }
-    }
-    for (k, mut ratios) in ratios.into_iter().enumerate().skip(1) {
-        ratios.sort_by(f32::total_cmp);
-        let at = |share: f64| ratios[((ratios.len() - 1) as f64 * share) as usize];
-        let grown = ratios.iter().filter(|&&ratio| ratio > 1.0).count() as f64 / ratios.len() as f64;
-        let [low, middle, high, most] = [0.5, 0.9, 0.99, 1.0].map(at);
-        println!(
-            "  k {k}: grown {:.1} %, median {low:.3}, p90 {middle:.3}, p99 {high:.3}, max {most:.3}; above 3: {}; outline {}; patches {patches}",
-            100.0 * grown,
-            fell_back[k],
-            outlines[k]
-        );
-    }
-    for (i, what) in ["full", "holed"].into_iter().enumerate().filter(|&(i, _)| tiles[i] > 0) {
-        println!("  {} {what} tiles, {:.3} ms each", tiles[i], 1e3 * seconds[i] / f64::from(tiles[i]));
     }
 }

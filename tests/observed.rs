@@ -11,12 +11,9 @@ mod verify {
     pub mod terrain;
 }
 
-use std::collections::BTreeMap;
-use std::time::Instant;
-
 use rayon::prelude::*;
 use relevo::TileId;
-use relevo::container::{Reader, ReaderOptions};
+use relevo::container::Reader;
 use relevo::observed::{Observed, observe};
 use relevo::sample::SampleType;
 use relevo::select::neighbours::edges_of_patch;
@@ -24,6 +21,7 @@ use relevo::select::pattern::Meshes;
 use relevo::select::{Box3, EdgeRule, Frame, Levels, Selection, View};
 use relevo::source::{Samples, Source};
 use selection::{Random, cut, levels, selection};
+use std::collections::BTreeMap;
 use truth::{Built, Drawn, Truth, fixture, nearest, open, tile_data};
 use verify::terrain::{self, Kind, Memory};
 
@@ -303,52 +301,4 @@ fn levels_of_another_selection_are_refused() {
     assert!(measure(&levels).is_err());
     levels.inner.pop();
     assert!(measure(&levels).is_err());
-}
-
-/// How long it takes.
-#[test]
-#[ignore = "prints figures"]
-fn figures() {
-    let shared = fixture("../../../shared/data/N44W072.hgt");
-    let mut sources: Vec<(String, Box<dyn Source>)> =
-        vec![("hills 4097^2".into(), Box::new(terrain::smooth(4097, 4097, SampleType::Float32, true)))];
-    if shared.exists() {
-        sources.push(("N44W072".into(), open(&shared)));
-    }
-    for (name, source) in sources {
-        let built = Built::new(&*source, 256, 64);
-        let options = ReaderOptions { cache_bytes: 1 << 30, ..ReaderOptions::default() };
-        let reader = Reader::open_with(built.path(), options).expect("open");
-        let frame = Frame::of(&reader);
-        let header = reader.header();
-        let size = f64::from(header.width) * frame.dx;
-        let eye = frame.position(f64::from(header.width) / 2.0, f64::from(header.height) * 1.1, 0.3 * size);
-        let target = frame.position(f64::from(header.width) / 2.0, f64::from(header.height) * 0.45, 0.0);
-        let view = View::look_at(eye, target, 1.3, (1920, 1080), 1.0);
-        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("pool");
-        for level in 0..=header.levels {
-            let selection = selection(&reader, &frame, &reader.tiles(level).expect("tiles"));
-            for step in [0, 2, 5] {
-                let levels =
-                    levels(&selection, EdgeRule::Shared, &mut |_, patch| step + u8::from(patch % 3 == 0));
-                let measure = || {
-                    observe(&reader, &selection, &levels, &frame, &view, EdgeRule::Shared).expect("observed")
-                };
-                let first = Instant::now();
-                let observed = one.install(measure);
-                let first = first.elapsed().as_secs_f64();
-                let again = Instant::now();
-                let _ = one.install(measure);
-                println!(
-                    "{name}, tiles of level {level}, step {step}: {:.2} s, again {:.2} s; {} vertices, {} misdrawn, {:.3} px of {:.3}",
-                    first,
-                    again.elapsed().as_secs_f64(),
-                    observed.vertices,
-                    observed.misdrawn_vertices,
-                    observed.pixels,
-                    promised(&reader, &selection, &levels, &frame, &view)
-                );
-            }
-        }
-    }
 }

@@ -8,11 +8,9 @@ mod common;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use relevo::geo::Geo;
 use relevo::limits::Limits;
 use relevo::observed::{Observed, observe};
 use relevo::pipeline::{self, BuildOptions, Silent};
-use relevo::sample::SampleType;
 use relevo::select::{EdgeRule, View};
 use relevo::source::{self, Samples, Source, SourceInfo, Window};
 use relevo_viewer::flyover;
@@ -188,22 +186,7 @@ struct Horizon(SourceInfo);
 
 impl Horizon {
     fn new(side: u32) -> Self {
-        let transform = Some([500_000.0, 12.5, 0.0, 7_000_000.0, 0.0, -12.5]);
-        Self(SourceInfo {
-            width: side,
-            height: side,
-            sample_type: SampleType::Float32,
-            nodata: None,
-            band_scale: 1.0,
-            band_offset: 0.0,
-            vertical_unit: (1.0, String::new()),
-            geo: Geo { transform, ..Geo::default() },
-            description: "horizon".into(),
-            parts: Vec::new(),
-            footprint: None,
-            overlap: None,
-            block_rows: 64,
-        })
+        Self(common::info(side, 12.5, "horizon"))
     }
 
     fn build(&self, folder: &Path, tile: u32, patch: u32) -> PathBuf {

@@ -28,28 +28,32 @@ pub fn fixture(folder: &Path, name: &str, tile: u32, patch: u32) -> PathBuf {
     output
 }
 
+/// A square of float32 samples that no file holds, `spacing` metres apart.
+pub fn info(side: u32, spacing: f64, name: &str) -> SourceInfo {
+    SourceInfo {
+        width: side,
+        height: side,
+        sample_type: SampleType::Float32,
+        nodata: None,
+        band_scale: 1.0,
+        band_offset: 0.0,
+        vertical_unit: (1.0, String::new()),
+        geo: Geo { transform: Some([500_000.0, spacing, 0.0, 4_000_000.0, 0.0, -spacing]), ..Geo::default() },
+        description: name.into(),
+        parts: Vec::new(),
+        footprint: None,
+        overlap: None,
+        block_rows: 64,
+    }
+}
+
 /// Hills of ten metres a sample.
 pub struct Hills(SourceInfo);
 
 impl Hills {
     /// `side` samples on a side.
     pub fn new(side: u32) -> Self {
-        let transform = Some([500_000.0, 10.0, 0.0, 4_000_000.0, 0.0, -10.0]);
-        Self(SourceInfo {
-            width: side,
-            height: side,
-            sample_type: SampleType::Float32,
-            nodata: None,
-            band_scale: 1.0,
-            band_offset: 0.0,
-            vertical_unit: (1.0, String::new()),
-            geo: Geo { transform, ..Geo::default() },
-            description: "hills".into(),
-            parts: Vec::new(),
-            footprint: None,
-            overlap: None,
-            block_rows: 64,
-        })
+        Self(info(side, 10.0, "hills"))
     }
 
     /// Builds the file.
