@@ -13,10 +13,11 @@ import sys
 import tempfile
 
 CROP = 1200
+NODATA = -32768
 
 
 def crops(folder, work):
-    """The north-western CROP x CROP samples of every tile, as arrays of rows."""
+    """The north-western CROP x CROP samples of every tile, row by row, with voids as NODATA whatever the tile calls them."""
     found = []
     for name in sorted(os.listdir(folder)):
         path = os.path.join(folder, name)
@@ -33,6 +34,9 @@ def crops(folder, work):
         samples = array.array("h")
         with open(raw, "rb") as file:
             samples.frombytes(file.read())
+        void = info["bands"][0].get("noDataValue", NODATA)
+        if void != NODATA:
+            samples = array.array("h", (NODATA if sample == void else sample for sample in samples))
         found.append(samples)
     if not found:
         sys.exit(f"mosaic.py: no int16 raster of at least {CROP} x {CROP} in {folder}")
@@ -72,7 +76,7 @@ def main():
             file.write(f"ENVI\nsamples = {side}\nlines = {side}\nbands = 1\ndata type = 2\n")
             file.write(f"interleave = bsq\nbyte order = {order}\nheader offset = 0\n")
         place = ["-a_srs", "EPSG:32632", "-a_ullr", "0", str(30 * side), str(30 * side), "0"]
-        big = ["-co", "BIGTIFF=IF_SAFER", "-a_nodata", "-32768"]
+        big = ["-co", "BIGTIFF=IF_SAFER", "-a_nodata", str(NODATA)]
         subprocess.run(["gdal_translate", "-q", *place, *big, raw, out], check=True)
 
 
