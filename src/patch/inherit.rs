@@ -8,10 +8,7 @@ use crate::sample::{Coding, Lattice};
 pub fn leaf_bound(lattice: &Lattice, unit: &[u8], coding: Coding, geometry: &TileGeometry) -> Errors {
     let (vertical, ahead_vertical) = exact::leaf(lattice, coding, unit, geometry);
     let outline = outline::leaf(&lattice.state, geometry.n, geometry.patch, geometry.odd, geometry.spacing);
-    let mut errors =
-        Errors { vertical, horizontal: outline.steps, ahead_vertical, ahead_horizontal: outline.ahead };
-    make_monotone(&mut errors.horizontal);
-    errors
+    Errors { vertical, horizontal: outline.steps, ahead_vertical, ahead_horizontal: outline.ahead }
 }
 
 /// Errors of a leaf tile by metric `paper`.

@@ -11,7 +11,6 @@ pub mod blocks;
 pub mod cell;
 mod clipped;
 mod comb;
-pub mod distance;
 pub mod envelope;
 pub mod exact;
 mod heights;

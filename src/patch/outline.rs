@@ -6,11 +6,17 @@
 //! smaller than the distance from the whole outline. A square of cells with valid samples only, or void ones only, is
 //! drawn as it is; any other holds a part of the outline, so the distance is always finite.
 //!
-//! Not here: errors of children, and that errors grow with the spacing. The caller takes the maximum with finer ones.
+//! Outlines are short beside a tile, and most of a tile is drawn as it should be. So nothing is worked out for all samples
+//! but one bit each (`marks`); the first step comes from a table of patterns (`patterns`); the others are searches that
+//! look closely only at what may be farthest (`search`), and remember what they have found for the next step.
+//!
+//! Not here: errors of children. The caller takes the maximum with them.
 
 mod above_cell;
 mod features;
 mod leaf_cell;
+mod marks;
+mod patterns;
 mod search;
 mod shape;
 #[cfg(test)]
@@ -19,21 +25,23 @@ mod tests;
 use std::cell::Cell as ThreadCell;
 
 use crate::geo::Spacing;
-use crate::patch::distance::Nearest;
 use crate::sample::VALID;
 use crate::simd;
-use above_cell::AboveCell;
-use features::{BlockReach, CellBits, OutlineMarks, PlaceMarks, Reach, Validity};
-use leaf_cell::{Known, LeafCell};
+use above_cell::AboveCells;
+use features::{CellBits, Validity};
+use leaf_cell::{Grid, LeafCells};
+use marks::{Marks, ValidBits};
+use patterns::Patterns;
 use search::{Drawing, MIXED, Pyramid};
 use shape::{Segments, Somewheres};
 
 /// Horizontal errors of a leaf tile, metres.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LeafOutline {
-    /// For each step `k = 0..=p`, the patches row by row, drawn at spacing `2^k`. Step 0 is all 0.
+    /// For each step `k = 0..=p`, the patches row by row, drawn at spacing `2^k`. Step 0 is all 0, and no step is smaller
+    /// than a finer one.
     pub steps: Vec<Vec<f64>>,
-    /// For each spacing `s = 2P, 4P, .., n`, the `(n / s)^2` cells of that size row by row.
+    /// For each spacing `s = 2P, 4P, .., n`, the `(n / s)^2` cells of that size row by row; no smaller than what is in them.
     pub ahead: Vec<Vec<f64>>,
 }
 
@@ -45,9 +53,10 @@ const KEPT_INTERVALS: usize = 512;
 struct Scratch {
     /// 1 where a sample is valid, `(n + 1)^2`.
     valid: Vec<u8>,
-    nearest: [Nearest; 2],
+    bits: ValidBits,
+    marks: [Marks; 2],
     pyramid: Pyramid,
-    known: Known,
+    patterns: Patterns,
     segments: Segments,
     places: Somewheres,
 }
@@ -97,28 +106,72 @@ fn leaf_errors(
     spacing: Spacing,
     errors: &mut LeafOutline,
 ) {
-    let Scratch { valid, nearest: [nearest, _], pyramid, known, segments, .. } = scratch;
+    let Scratch { valid, bits, marks: [marks, _], pyramid, patterns, segments, .. } = scratch;
     simd::run(Validity { state, valid });
-    nearest.start(n);
-    simd::run(OutlineMarks { valid, n, nearest });
-    nearest.solve(spacing);
-    let half = (0.5 * spacing.dx, 0.5 * spacing.dy);
-    let (bits, reach) = pyramid.start(n);
-    simd::run(CellBits { valid, n, bits });
-    simd::run(Reach { nearest, n, half, to: reach });
+    bits.fill(valid, n + 1);
+    marks.outline(bits, n);
+    simd::run(CellBits { valid, n, bits: pyramid.start(n) });
     pyramid.build();
-    known.start(n * n);
-    let mut cell = LeafCell { valid, bits: pyramid.bits(), n, nearest, half, segments, known };
+    let half = (0.5 * spacing.dx, 0.5 * spacing.dy);
+    let grid = Grid { valid, n, half };
+    patterns.start(spacing);
+    drawn_twice_as_wide(grid, pyramid.bits(1), patterns, segments, &mut errors.steps);
+    let mut cells = LeafCells { grid, marks, patterns, segments };
     let (top, p) = (n.ilog2() as usize, errors.steps.len() - 1);
-    let spacings = errors.steps.iter_mut().zip((0..=p).map(|level| (level, p))).skip(1);
-    let spacings = spacings.chain(errors.ahead.iter_mut().zip((p + 1..=top).map(|level| (level, level))));
-    for (row_by_row, (level, root)) in spacings {
+    // Squared until all are there: each starts from the next finer one, since errors grow with the spacing.
+    for level in 2..=top {
+        let root = level.max(p);
         let drawing = Drawing { valid, level, flip: parity && level == top };
         let side = n >> root;
-        for (i, error) in row_by_row.iter_mut().enumerate() {
-            *error = pyramid.farthest(&drawing, root, (i % side, i / side), &mut cell);
+        for square in 0..side * side {
+            let at = (square % side, square / side);
+            let finer = if level <= p {
+                errors.steps[level - 1][square]
+            } else {
+                let finer = if level == p + 1 { &errors.steps[p] } else { &errors.ahead[level - p - 2] };
+                let quarter = |q: usize| finer[(2 * at.1 + q / 2) * 2 * side + 2 * at.0 + q % 2];
+                (0..4).map(quarter).fold(0.0, f64::max)
+            };
+            let farthest = pyramid.farthest(&drawing, root, at, finer, &mut cells);
+            if level <= p {
+                errors.steps[level][square] = farthest;
+            } else {
+                errors.ahead[level - p - 1][square] = farthest;
+            }
         }
     }
+    for squared in errors.steps.iter_mut().chain(&mut errors.ahead).flatten() {
+        *squared = metres(*squared);
+    }
+}
+
+/// Errors of spacing 2, squared: the first step, of squares of 2 x 2 cells that hold `bits`.
+fn drawn_twice_as_wide(
+    grid: Grid,
+    bits: &[u8],
+    patterns: &mut Patterns,
+    segments: &mut Segments,
+    steps: &mut [Vec<f64>],
+) {
+    let (side, p) = (grid.n / 2, steps.len() - 1);
+    for (y, row) in bits.chunks_exact(side).enumerate() {
+        let errors = &mut steps[1][(y >> (p - 1)) * (side >> (p - 1))..];
+        for (first, some) in (0..).step_by(16).zip(row.chunks(16)) {
+            // Few squares are mixed.
+            if !some.contains(&MIXED) {
+                continue;
+            }
+            for x in (first..).zip(some).filter_map(|(x, &bits)| (bits == MIXED).then_some(x)) {
+                let error = &mut errors[x >> (p - 1)];
+                *error = error.max(patterns.drawn(grid, (x, y), segments));
+            }
+        }
+    }
+}
+
+/// The root of a squared distance, rounded up.
+fn metres(squared: f64) -> f64 {
+    squared.sqrt() * (1.0 + 1e-9)
 }
 
 /// What spacing `patch` adds to the errors of the patches of a tile above the leaves, row by row.
@@ -142,25 +195,21 @@ pub fn above(state: &[u8], block: &[u8], n: usize, patch: usize, parity: bool, s
     }
     let spacing = usable(spacing);
     with_scratch(n, |scratch| {
-        let Scratch { valid, nearest: [void_places, valid_places], pyramid, places, .. } = scratch;
+        let Scratch { valid, bits, marks: [void, nearest_valid], pyramid, places, .. } = scratch;
         simd::run(Validity { state, valid });
-        for (nearest, kind) in [(&mut *void_places, 0), (&mut *valid_places, 1)] {
-            nearest.start(n);
-            simd::run(PlaceMarks { valid, block, n, kind, nearest });
-            nearest.solve(spacing);
-        }
-        let half = (0.5 * spacing.dx, 0.5 * spacing.dy);
-        let (bits, reach) = pyramid.start(n);
-        bits.copy_from_slice(block);
-        let (void, nearest_valid) = (&*void_places, &*valid_places);
-        simd::run(BlockReach { void, valid: nearest_valid, block, n, half, to: reach });
+        bits.fill(valid, n + 1);
+        let is_mixed: Vec<u8> = block.iter().map(|&bits| u8::from(bits & MIXED == MIXED)).collect();
+        void.places(bits, &is_mixed, n, false);
+        nearest_valid.places(bits, &is_mixed, n, true);
+        pyramid.start(n).copy_from_slice(block);
         pyramid.build();
+        let half = (0.5 * spacing.dx, 0.5 * spacing.dy);
         let level = patch.ilog2() as usize;
         let drawing = Drawing { valid, level, flip: parity && patch == n };
-        let (void, finer) = (void_places, patch / 2);
-        let mut cell = AboveCell { samples: valid, block, n, finer, void, valid: valid_places, half, places };
+        let mut cells =
+            AboveCells { samples: valid, n, finer: patch / 2, void, valid: nearest_valid, half, places };
         for (i, error) in errors.iter_mut().enumerate() {
-            *error = pyramid.farthest(&drawing, level, (i % side, i / side), &mut cell);
+            *error = metres(pyramid.farthest(&drawing, level, (i % side, i / side), 0.0, &mut cells));
         }
     });
     errors

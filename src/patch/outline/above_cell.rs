@@ -1,36 +1,35 @@
 //! A look into one block of a tile above the leaves: its misdrawn points, and what is near it.
 
-use super::leaf_cell::around;
-use super::search::{Bound, Cell, Corners, HAS_VALID, HAS_VOID};
+use super::leaf_cell::{around, farthest_corner};
+use super::marks::{HalfPoint, Marks};
+use super::search::{Bound, Ceilings, Cells, Corners};
 use super::shape::{Farthest, Fault, Polygon, Somewhere, Somewheres, triangles};
-use crate::patch::distance::{HalfPoint, Nearest};
 use crate::simd;
 
 /// Halvings of a triangle of a block: what the block hides is larger.
 const ABOVE_HALVINGS: u32 = 2;
 
-/// True if a feature of a tile above the leaves stands for a block, not for a sample.
+/// True if a mark of a tile above the leaves stands for a block, not for a sample.
 fn is_block([x, y]: HalfPoint) -> bool {
     x % 2 == 1 && y % 2 == 1
 }
 
-/// A block of a tile above the leaves.
-pub(super) struct AboveCell<'a> {
+/// Blocks of a tile above the leaves.
+pub(super) struct AboveCells<'a> {
     /// 1 for each sample that is valid.
     pub(super) samples: &'a [u8],
-    pub(super) block: &'a [u8],
     pub(super) n: usize,
     /// The next finer spacing.
     pub(super) finer: usize,
     /// What is known to hold something void: a valid point is no farther from the outline.
-    pub(super) void: &'a Nearest,
+    pub(super) void: &'a Marks,
     /// What is known to hold something valid.
-    pub(super) valid: &'a Nearest,
+    pub(super) valid: &'a Marks,
     pub(super) half: (f64, f64),
     pub(super) places: &'a mut Somewheres,
 }
 
-impl AboveCell<'_> {
+impl AboveCells<'_> {
     /// Validity at sample `(x, y)`, drawn at the next finer spacing.
     fn drawn_finer(&self, (x, y): (usize, usize)) -> f64 {
         let s = self.finer;
@@ -49,10 +48,10 @@ impl AboveCell<'_> {
     /// Collects what is near a block, of the kind that its misdrawn points are not.
     fn collect(&mut self, (x, y): (usize, usize), fault: Fault) {
         self.places.clear();
-        let nearest = if fault == Fault::Shown { self.valid } else { self.void };
+        let marks = if fault == Fault::Shown { self.valid } else { self.void };
         let half = self.half;
-        around(nearest, self.n, (x, y), |[fx, fy]| {
-            let away = |feature: i16, cell: usize, half: f64| (f64::from(feature) - 2.0 * cell as f64) * half;
+        around(marks, half, (x, y), |[fx, fy]| {
+            let away = |mark: i16, cell: usize, half: f64| (f64::from(mark) - 2.0 * cell as f64) * half;
             self.places.push(Somewhere {
                 centre: (away(fx, x, half.0), away(fy, y, half.1)),
                 half: if is_block([fx, fy]) { half } else { (0.0, 0.0) },
@@ -61,14 +60,26 @@ impl AboveCell<'_> {
     }
 }
 
-impl Cell for AboveCell<'_> {
-    fn look(&mut self, (x, y): (usize, usize), drawn: Corners, bound: &mut Bound) {
-        let bits = self.block[y * self.n + x];
+impl Cells for AboveCells<'_> {
+    fn reach(&mut self, level: usize, at: (usize, usize), _: u8) -> [f64; 2] {
+        let centre = [(2 * at.0 + 1) << level, (2 * at.1 + 1) << level];
+        let reach = |mark: HalfPoint| farthest_corner(mark, level, at, self.half, i32::from(is_block(mark)));
+        [self.valid, self.void].map(|marks| marks.nearest(centre, self.half).map_or(0.0, reach))
+    }
+
+    fn look(
+        &mut self,
+        (x, y): (usize, usize),
+        drawn: Corners,
+        faults: [bool; 2],
+        _: &mut Ceilings,
+        bound: &mut Bound,
+    ) {
         let size = (2.0 * self.half.0, 2.0 * self.half.1);
         let at = |sample| self.drawn_finer(sample);
         let finer = [at((x, y)), at((x + 1, y)), at((x, y + 1)), at((x + 1, y + 1))];
-        for (fault, bit) in [(Fault::Shown, HAS_VOID), (Fault::Hidden, HAS_VALID)] {
-            if bits & bit == 0 {
+        for fault in [Fault::Shown, Fault::Hidden] {
+            if !faults[fault as usize] {
                 continue;
             }
             let [first, second] = triangles((x + y) % 2 == 0);

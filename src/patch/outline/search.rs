@@ -52,6 +52,11 @@ impl Bound {
         settled
     }
 
+    /// The upper bound, square metres.
+    pub(super) fn top(self) -> f64 {
+        self.top
+    }
+
     /// Takes this distance as it is, without a closer look.
     #[inline]
     pub(super) fn cover(&mut self, squared: f64) {
@@ -68,20 +73,59 @@ impl Bound {
         *self = Self { top: self.top.max(part.top), ..part };
         part.top
     }
-
-    /// The bound in metres, rounded up.
-    pub(super) fn metres(self) -> f64 {
-        self.top.sqrt() * (1.0 + 1e-9)
-    }
 }
 
 /// Corners of a square: north-west, north-east, south-west, south-east.
 pub(super) type Corners = [f64; 4];
 
-/// Looks into one cell of the tile.
-pub(super) trait Cell {
-    /// Raises `bound` to cover the misdrawn points of cell `(x, y)`, where validity as drawn is `drawn` at its corners.
-    fn look(&mut self, cell: (usize, usize), drawn: Corners, bound: &mut Bound);
+/// Looks at the cells of a tile, and at squares of them.
+pub(super) trait Cells {
+    /// For each fault, squared metres: no point of square `(x, y)` of `2^level` cells, which hold `bits`, that the fault is
+    /// possible at is farther from the outline.
+    fn reach(&mut self, level: usize, at: (usize, usize), bits: u8) -> [f64; 2];
+
+    /// Raises `bound` to cover the points of cell `(x, y)` that are misdrawn by one of `faults`, where validity as drawn is
+    /// `drawn` at its corners. Lowers `ceilings` to what it finds out about all points of the cell that a fault is possible
+    /// at, however they are drawn.
+    fn look(
+        &mut self,
+        cell: (usize, usize),
+        drawn: Corners,
+        faults: [bool; 2],
+        ceilings: &mut Ceilings,
+        bound: &mut Bound,
+    );
+}
+
+/// For each fault, square metres: no point of a square at which it is possible is farther from the outline, whatever is drawn.
+/// Infinite as long as nobody asked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Ceilings([f32; 2]);
+
+impl Ceilings {
+    /// Nobody has asked.
+    const UNKNOWN: Self = Self([f32::INFINITY; 2]);
+
+    /// The ceiling of a fault.
+    #[inline]
+    pub(super) fn of(self, fault: usize) -> f64 {
+        f64::from(self.0[fault])
+    }
+
+    /// Lowers the ceiling of a fault.
+    #[inline]
+    pub(super) fn lower(&mut self, fault: usize, squared: f64) {
+        let rounded = squared as f32;
+        let above = if f64::from(rounded) < squared { rounded.next_up() } else { rounded };
+        self.0[fault] = self.0[fault].min(above);
+    }
+
+    /// The highest of some faults.
+    #[inline]
+    fn highest(self, faults: [bool; 2]) -> f64 {
+        let of = |fault: usize| if faults[fault] { self.0[fault] } else { 0.0 };
+        f64::from(of(0).max(of(1)))
+    }
 }
 
 /// Cells of a tile and their unions, four by four: level `j` has squares of `2^j` cells.
@@ -89,29 +133,33 @@ pub(super) trait Cell {
 pub(super) struct Pyramid {
     n: usize,
     levels: Vec<Level>,
+    /// Where ceilings are known: level and number.
+    known: Vec<(usize, usize)>,
 }
 
 #[derive(Debug, Default)]
 struct Level {
     /// [`HAS_VALID`], [`HAS_VOID`].
     bits: Vec<u8>,
-    /// Square metres: no misdrawn point of the square is farther from the outline.
-    reach: Vec<f64>,
+    /// Ceilings of the quarters of each square of the next level, row by row; of the one square of the last level.
+    ceilings: Vec<[Ceilings; 4]>,
 }
 
 impl Pyramid {
-    /// Starts a pyramid over `n x n` cells, a power of two: gives their bits and reaches, row by row, to be written. Then
+    /// Starts a pyramid over `n x n` cells, a power of two: gives their bits, row by row, to be written. Then
     /// [`Pyramid::build`].
-    pub(super) fn start(&mut self, n: usize) -> (&mut [u8], &mut [f64]) {
+    pub(super) fn start(&mut self, n: usize) -> &mut [u8] {
+        for (level, quarters) in self.known.drain(..) {
+            self.levels[level].ceilings[quarters] = [Ceilings::UNKNOWN; 4];
+        }
         self.n = n;
         self.levels.resize_with(n.ilog2() as usize + 1, Level::default);
         for (level, squares) in self.levels.iter_mut().enumerate() {
             let count = (n >> level) * (n >> level);
             squares.bits.resize(count, 0);
-            squares.reach.resize(count, 0.0);
+            squares.ceilings.resize(count.div_ceil(4), [Ceilings::UNKNOWN; 4]);
         }
-        let cells = &mut self.levels[0];
-        (&mut cells.bits, &mut cells.reach)
+        &mut self.levels[0].bits
     }
 
     /// Builds the levels above the cells.
@@ -119,24 +167,28 @@ impl Pyramid {
         simd::run(Build(self));
     }
 
-    /// Bits of the cells.
-    pub(super) fn bits(&self) -> &[u8] {
-        &self.levels[0].bits
+    /// Bits of the squares of a level, row by row.
+    pub(super) fn bits(&self, level: usize) -> &[u8] {
+        &self.levels[level].bits
     }
 
-    /// Largest distance of a misdrawn point in square `(x, y)` of level `root`, if drawn at spacing `2^drawn`, in metres.
+    /// Largest squared distance of a misdrawn point in square `(x, y)` of level `root`, if drawn as `drawing` says, in square
+    /// metres; `finer` if that is larger.
     pub(super) fn farthest(
-        &self,
+        &mut self,
         drawing: &Drawing,
         root: usize,
         at: (usize, usize),
-        cell: &mut impl Cell,
+        finer: f64,
+        cells: &mut impl Cells,
     ) -> f64 {
-        let mut search = Search { pyramid: self, drawing, cell, bound: Bound::default() };
-        if let Some((drawn, falling)) = search.enter(root, at, [0; 4], true) {
-            search.visit(root, at, drawn, falling);
+        let bound = Bound { top: finer, ..Bound::default() };
+        let mut search = Search { pyramid: self, drawing, cells, bound };
+        if let Some(entered) = search.enter(root, at, [0; 4], true) {
+            let ceiling = search.ceilings(root, at).highest(entered.faults);
+            search.visit(root, at, entered, ceiling);
         }
-        search.bound.metres()
+        search.bound.top
     }
 }
 
@@ -148,27 +200,25 @@ impl Kernel for Build<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Pyramid { n, levels } = self.0;
+        let Pyramid { n, levels, .. } = self.0;
         for level in 1..levels.len() {
             let (finer, coarser) = levels.split_at_mut(level);
-            let (from, to, side) = (&finer[level - 1], &mut coarser[0], *n >> (level - 1));
-            by_four(&from.bits, side, &mut to.bits, |a, b| a | b);
-            by_four(&from.reach, side, &mut to.reach, |a, b| if a > b { a } else { b });
+            by_four(&finer[level - 1].bits, *n >> (level - 1), &mut coarser[0].bits);
         }
     }
 }
 
-/// Joins the values of each two by two of `side x side` squares.
+/// Joins the bits of each two by two of `side x side` squares.
 #[inline(always)]
-fn by_four<T: Copy>(values: &[T], side: usize, joined: &mut [T], join: impl Fn(T, T) -> T) {
+fn by_four(bits: &[u8], side: usize, joined: &mut [u8]) {
     let half = side / 2;
     for row in 0..half {
-        let (north, south) = (&values[2 * row * side..][..side], &values[(2 * row + 1) * side..][..side]);
+        let (north, south) = (&bits[2 * row * side..][..side], &bits[(2 * row + 1) * side..][..side]);
         let (north, south) = (&north.as_chunks::<2>().0[..half], &south.as_chunks::<2>().0[..half]);
         let joined = &mut joined[row * half..][..half];
         for x in 0..half {
             let ([a, b], [c, d]) = (north[x], south[x]);
-            joined[x] = join(join(a, b), join(c, d));
+            joined[x] = a | b | c | d;
         }
     }
 }
@@ -183,72 +233,112 @@ pub(super) struct Drawing<'a> {
     pub(super) flip: bool,
 }
 
+/// A square in which something may be misdrawn.
+#[derive(Clone, Copy, Default)]
+struct Entered {
+    /// Validity as drawn at its corners; not defined above the drawn level.
+    drawn: Drawn,
+    /// True if the diagonal of the drawn cell runs from north-west to south-east; likewise.
+    falling: bool,
+    /// Which faults are possible.
+    faults: [bool; 2],
+}
+
 struct Search<'a, C> {
-    pyramid: &'a Pyramid,
+    pyramid: &'a mut Pyramid,
     drawing: &'a Drawing<'a>,
-    cell: &'a mut C,
+    cells: &'a mut C,
     bound: Bound,
 }
 
-impl<C: Cell> Search<'_, C> {
-    /// Validity as drawn at the corners of square `(x, y)` of a level, and whether the diagonal of the drawn cell runs from
-    /// north-west to south-east; `None` if all of the square is drawn as it should be. `drawn` and `falling` are those
-    /// that the square above gives; above the drawn level they are not defined.
+impl<C: Cells> Search<'_, C> {
+    /// What is to be known of square `(x, y)` of a level; `None` if all of it is drawn as it should be. `drawn` and
+    /// `falling` are those that the square above gives; above the drawn level they are not defined.
     #[inline]
-    fn enter(
-        &self,
-        level: usize,
-        (x, y): (usize, usize),
-        drawn: Drawn,
-        falling: bool,
-    ) -> Option<(Drawn, bool)> {
+    fn enter(&self, level: usize, (x, y): (usize, usize), drawn: Drawn, falling: bool) -> Option<Entered> {
         let bits = self.pyramid.levels[level].bits[y * (self.pyramid.n >> level) + x];
         if level > self.drawing.level {
-            return (bits == MIXED).then_some((drawn, falling));
+            return (bits == MIXED).then_some(Entered { drawn, falling, faults: [true; 2] });
         }
         if level < self.drawing.level {
-            return (!drawn_right(bits, drawn)).then_some((drawn, falling));
+            let faults = faults(bits, drawn);
+            return faults.contains(&true).then_some(Entered { drawn, falling, faults });
         }
         if bits != MIXED {
             return None;
         }
         let drawn = self.corners(x, y);
-        (!drawn_right(bits, drawn)).then_some((drawn, ((x + y) % 2 == 0) != self.drawing.flip))
+        let faults = faults(bits, drawn);
+        let falling = ((x + y) % 2 == 0) != self.drawing.flip;
+        faults.contains(&true).then_some(Entered { drawn, falling, faults })
     }
 
-    /// Searches square `(x, y)` of a level, which has been entered.
-    fn visit(&mut self, level: usize, (x, y): (usize, usize), drawn: Drawn, falling: bool) {
+    /// The ceilings of square `(x, y)` of a level.
+    #[inline]
+    fn ceilings(&mut self, level: usize, (x, y): (usize, usize)) -> &mut Ceilings {
         let side = self.pyramid.n >> level;
-        if self.bound.settles(self.pyramid.levels[level].reach[y * side + x]) {
+        let Level { bits, ceilings } = &mut self.pyramid.levels[level];
+        let quarters = (y / 2) * (side / 2) + x / 2;
+        let of_square = &mut ceilings[quarters][y % 2 * 2 + x % 2];
+        if *of_square == Ceilings::UNKNOWN {
+            for (fault, reach) in self.cells.reach(level, (x, y), bits[y * side + x]).into_iter().enumerate()
+            {
+                of_square.lower(fault, reach);
+            }
+            self.pyramid.known.push((level, quarters));
+        }
+        of_square
+    }
+
+    /// Searches square `(x, y)` of a level, which has been entered; `ceiling` is the highest of its possible faults.
+    fn visit(&mut self, level: usize, (x, y): (usize, usize), entered: Entered, ceiling: f64) {
+        if self.bound.settles(ceiling) {
             return;
         }
+        let Entered { drawn, falling, faults } = entered;
         if level == 0 {
-            let share = |value: i32| f64::from(value) / f64::from(ONE);
-            let [nw, ne, sw, se] = drawn;
-            self.cell.look((x, y), [share(nw), share(ne), share(sw), share(se)], &mut self.bound);
+            let drawn = shares(drawn);
+            let mut ceilings = *self.ceilings(0, (x, y));
+            self.cells.look((x, y), drawn, faults, &mut ceilings, &mut self.bound);
+            *self.ceilings(0, (x, y)) = ceilings;
             return;
         }
         // Those that may be farthest first.
-        let finer = &self.pyramid.levels[level - 1].reach;
-        let (mut order, mut entered) = ([(0.0, 0); 4], [([0; 4], falling); 4]);
+        let (mut order, mut inside) = ([(0.0, 0); 4], [Entered::default(); 4]);
         let mut count = 0;
         for (q, drawn) in quarters(drawn, falling).into_iter().enumerate() {
             let at = (2 * x + q % 2, 2 * y + q / 2);
             let Some(here) = self.enter(level - 1, at, drawn, falling) else { continue };
-            entered[q] = here;
-            let reach = finer[at.1 * 2 * side + at.0];
+            inside[q] = here;
+            let ceiling = self.ceilings(level - 1, at).highest(here.faults);
             let mut place = count;
-            while place > 0 && order[place - 1].0 < reach {
+            while place > 0 && order[place - 1].0 < ceiling {
                 order[place] = order[place - 1];
                 place -= 1;
             }
-            order[place] = (reach, q);
+            order[place] = (ceiling, q);
             count += 1;
         }
-        for &(_, q) in &order[..count] {
-            let (drawn, falling) = entered[q];
-            self.visit(level - 1, (2 * x + q % 2, 2 * y + q / 2), drawn, falling);
+        for &(ceiling, q) in &order[..count] {
+            self.visit(level - 1, (2 * x + q % 2, 2 * y + q / 2), inside[q], ceiling);
         }
+        self.lower(level, (x, y));
+    }
+
+    /// Lowers the ceilings of a square to those of its quarters.
+    fn lower(&mut self, level: usize, (x, y): (usize, usize)) {
+        let side = self.pyramid.n >> level;
+        let Level { bits, ceilings } = &self.pyramid.levels[level - 1];
+        let quarters = ceilings[y * side + x];
+        let mut highest = [0.0_f64; 2];
+        for (fault, bit) in [HAS_VOID, HAS_VALID].into_iter().enumerate() {
+            let has = |q: usize| bits[(2 * y + q / 2) * 2 * side + 2 * x + q % 2] & bit != 0;
+            let of_quarter = |q: usize| if has(q) { quarters[q].of(fault) } else { 0.0 };
+            highest[fault] = (0..4).map(of_quarter).fold(0.0, f64::max);
+        }
+        let ceilings = self.ceilings(level, (x, y));
+        ceilings.lower(0, highest[0]);
+        ceilings.lower(1, highest[1]);
     }
 
     /// Validity at the corners of drawn cell `(x, y)`.
@@ -260,22 +350,27 @@ impl<C: Cell> Search<'_, C> {
 }
 
 /// Validity as drawn at the corners of a square, in units of 1 / [`ONE`]: halved as often as a tile can be, it is exact.
-type Drawn = [i32; 4];
+pub(super) type Drawn = [i32; 4];
 /// Validity 1.
-const ONE: i32 = 1 << 16;
+pub(super) const ONE: i32 = 1 << 16;
 
-/// True if a square with these bits is drawn as it should be, whatever the samples in it.
+/// In units of 1.
 #[inline]
-fn drawn_right(bits: u8, [nw, ne, sw, se]: Drawn) -> bool {
+pub(super) fn shares(drawn: Drawn) -> Corners {
+    drawn.map(|value| f64::from(value) / f64::from(ONE))
+}
+
+/// Which faults, of shown and hidden, are possible in a square with these bits, whatever the samples in it.
+#[inline]
+fn faults(bits: u8, [nw, ne, sw, se]: Drawn) -> [bool; 2] {
     let shown = nw.max(ne).max(sw).max(se) > ONE / 2;
     let hidden = nw.min(ne).min(sw).min(se) < ONE / 2;
-    let wrong = (u8::from(shown) * HAS_VOID) | (u8::from(hidden) * HAS_VALID);
-    wrong & bits == 0
+    [shown && bits & HAS_VOID != 0, hidden && bits & HAS_VALID != 0]
 }
 
 /// Values at the corners of the quarters of a square.
 #[inline]
-fn quarters([nw, ne, sw, se]: Drawn, falling: bool) -> [Drawn; 4] {
+pub(super) fn quarters([nw, ne, sw, se]: Drawn, falling: bool) -> [Drawn; 4] {
     let centre = if falling { nw + se } else { ne + sw } / 2;
     let (north, south, west, east) = ((nw + ne) / 2, (sw + se) / 2, (nw + sw) / 2, (ne + se) / 2);
     [

@@ -144,20 +144,6 @@ impl Polygon {
         }
         (polygon.len > 2).then_some(polygon)
     }
-
-    /// No point of the polygon is farther than this from the nearest of `things`; infinite if there are none.
-    pub(super) fn at_most<T: Convex>(&self, things: &Things<T>) -> f64 {
-        // A corner twice does no harm.
-        let corner = |i: usize| self.corners[if i < self.len { i } else { 0 }];
-        let (p, q) = ([corner(0), corner(1), corner(2), corner(3)], corner(4));
-        let (x, y) = ([p[0].0, p[1].0, p[2].0, p[3].0], [p[0].1, p[1].1, p[2].1, p[3].1]);
-        let farthest = |thing: &T| {
-            let [a, b, c, d] = thing.squared(x, y);
-            let first = larger(larger(a, b), larger(c, d));
-            if self.len > LANES { larger(first, thing.squared([q.0; LANES], [q.1; LANES])[0]) } else { first }
-        };
-        things.list.iter().map(farthest).fold(f64::INFINITY, f64::min)
-    }
 }
 
 impl Uncut {

@@ -272,11 +272,20 @@ fn known_answers() {
     let errors = leaf(&state, 16, 4, false, square);
     assert!((errors.steps[1][0] - 5.0).abs() < 0.03, "{:?}", errors.steps);
     assert_eq!(errors.steps[1][1..], [0.0; 15]);
-    // A strip of two void columns, 3 and 4: midway between them.
+    // A strip of two void columns, 9 and 10, which disappears at spacing 4: midway between its sides.
+    let state: Vec<u8> =
+        (0..17 * 17).map(|i| if (9..11).contains(&(i % 17)) { VOID } else { VALID }).collect();
+    let errors = leaf(&state, 16, 16, false, square);
+    for (step, want) in errors.steps.iter().zip([0.0, 5.0, 10.0, 10.0, 10.0]) {
+        assert!((step[0] - want).abs() <= 0.006 * want, "{:?}", errors.steps);
+    }
+    // Columns 3 and 4: at spacing 4 they hide 2 to 6, and no wider spacing has a smaller error.
     let state: Vec<u8> =
         (0..17 * 17).map(|i| if (3..5).contains(&(i % 17)) { VOID } else { VALID }).collect();
     let errors = leaf(&state, 16, 16, false, square);
-    assert!((errors.steps[4][0] - 10.0).abs() < 0.06, "{:?}", errors.steps);
+    for (step, want) in errors.steps.iter().zip([0.0, 5.0, 15.0, 15.0, 15.0]) {
+        assert!((step[0] - want).abs() <= 0.006 * want, "{:?}", errors.steps);
+    }
 }
 
 #[test]

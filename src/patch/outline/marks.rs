@@ -1,0 +1,393 @@
+//! Points of a tile's half lattice as bits, and the nearest of them to any point.
+//!
+//! Point (X, Y) of the *half lattice*, `0 <= X, Y <= 2n`, lies X / 2 columns and Y / 2 rows from the north-west, so (even,
+//! even) is a sample and (odd, odd) the centre of a cell. Void outlines are short beside a tile: marking costs a few
+//! operations per 64 samples, and a query looks at the rows around its point, from near to far, until they are farther
+//! than what it has found.
+
+use crate::simd::{self, Kernel};
+
+/// A point of the half lattice: column, row.
+pub(super) type HalfPoint = [i16; 2];
+
+/// Bits of a word.
+const WORD: usize = u64::BITS as usize;
+
+/// Samples of a tile that are valid, as bits: row by row, each in whole words.
+#[derive(Debug, Default)]
+pub(super) struct ValidBits {
+    /// Samples on a side.
+    side: usize,
+    words: Vec<u64>,
+}
+
+impl ValidBits {
+    /// Takes over `side x side` samples of which `is_valid` holds 1 for the valid ones, 0 for the others.
+    pub(super) fn fill(&mut self, is_valid: &[u8], side: usize) {
+        self.side = side;
+        self.words.clear();
+        for row in is_valid.chunks_exact(side) {
+            self.words.extend(row.chunks(WORD).map(pack));
+        }
+    }
+
+    /// Row `y`.
+    fn row(&self, y: usize) -> &[u64] {
+        let words = self.side.div_ceil(WORD);
+        &self.words[y * words..(y + 1) * words]
+    }
+}
+
+/// Up to 64 bytes, each 0 or 1, as bits.
+#[inline]
+fn pack(bytes: &[u8]) -> u64 {
+    // The product gathers the lowest bits of eight bytes in its highest byte.
+    let eight = |bytes: [u8; 8]| u64::from_le_bytes(bytes).wrapping_mul(0x0102_0408_1020_4080) >> 56;
+    let (chunks, rest) = bytes.as_chunks::<8>();
+    let mut last = [0; 8];
+    last[..rest.len()].copy_from_slice(rest);
+    let whole = chunks.iter().rev().fold(0, |word, &bytes| word << 8 | eight(bytes));
+    if rest.is_empty() { whole } else { whole | eight(last) << (8 * chunks.len()) }
+}
+
+/// Marked points of the half lattice of a tile.
+#[derive(Debug, Default)]
+pub(super) struct Marks {
+    /// Words of a half row, with an empty one before the first mark and one after the last.
+    words: usize,
+    /// Half rows, one after the other, and an empty one.
+    bits: Vec<u64>,
+    /// True for each half row with a mark.
+    any: Vec<bool>,
+}
+
+impl Marks {
+    /// Forgets all marks, for a tile of `n` intervals, at most 2 048.
+    fn start(&mut self, n: usize) {
+        debug_assert!(n <= 2048, "half rows must fit HalfPoint");
+        self.words = (2 * n + 1).div_ceil(WORD) + 2;
+        self.bits.clear();
+        self.bits.resize((2 * n + 2) * self.words, 0);
+        self.any.clear();
+        self.any.resize(2 * n + 1, false);
+    }
+
+    /// Marks points of half row `row`: bit `i` of word `w` of `even` is half column `2 (64 w + i)`, of `odd` the one after it.
+    #[inline]
+    fn set(&mut self, row: usize, w: usize, even: u64, odd: u64) {
+        if even | odd == 0 {
+            return;
+        }
+        self.any[row] = true;
+        let to = &mut self.bits[row * self.words + 1..(row + 1) * self.words - 1];
+        to[2 * w] = spread(even) | spread(odd) << 1;
+        // The last word may have the tile's last half column only.
+        if let Some(to) = to.get_mut(2 * w + 1) {
+            *to = spread(even >> 32) | spread(odd >> 32) << 1;
+        }
+    }
+
+    /// Marks the vertices of the outline: midpoints of the sides and diagonals that join a valid and a void sample.
+    pub(super) fn outline(&mut self, valid: &ValidBits, n: usize) {
+        self.start(n);
+        for y in 0..=n {
+            let row = valid.row(y);
+            for w in 0..row.len() {
+                let across = (row[w] ^ next(row, w)) & within(n, w);
+                self.set(2 * y, w, 0, across);
+            }
+        }
+        for y in 0..n {
+            let (north, south) = (valid.row(y), valid.row(y + 1));
+            // Cells whose column and row are both even or both odd have the diagonal from north-west to south-east.
+            let falls = if y % 2 == 0 { 0x5555_5555_5555_5555 } else { 0xAAAA_AAAA_AAAA_AAAA };
+            for w in 0..north.len() {
+                let down = north[w] ^ south[w];
+                let (falling, rising) = (north[w] ^ next(south, w), next(north, w) ^ south[w]);
+                let diagonal = (falling & falls | rising & !falls) & within(n, w);
+                self.set(2 * y + 1, w, down, diagonal);
+            }
+        }
+    }
+
+    /// Marks the samples of one kind, and the centres of the blocks that hold some of that kind inside only. `is_mixed`
+    /// says 1 of each of the `n x n` blocks that holds both kinds.
+    pub(super) fn places(&mut self, valid: &ValidBits, is_mixed: &[u8], n: usize, kind: bool) {
+        self.start(n);
+        let flip = if kind { 0 } else { u64::MAX };
+        for y in 0..=n {
+            let row = valid.row(y);
+            for (w, word) in row.iter().enumerate() {
+                self.set(2 * y, w, (word ^ flip) & within(n + 1, w), 0);
+            }
+        }
+        for (y, blocks) in is_mixed.chunks_exact(n).enumerate() {
+            let (north, south) = (valid.row(y), valid.row(y + 1));
+            for (w, blocks) in blocks.chunks(WORD).enumerate() {
+                let at_corner = |row: &[u64]| row[w] ^ flip | next(row, w) ^ flip;
+                let inside = pack(blocks) & !(at_corner(north) | at_corner(south)) & within(n, w);
+                self.set(2 * y + 1, w, 0, inside);
+            }
+        }
+    }
+
+    /// The mark nearest to a point of the half lattice, where half an interval is `half` (across, down) long; `None` if there
+    /// are no marks. Of marks as far any one.
+    pub(super) fn nearest(&self, from: [usize; 2], half: (f64, f64)) -> Option<HalfPoint> {
+        // In units of half an interval across.
+        let ratio = (half.1 / half.0) * (half.1 / half.0);
+        let near = simd::run(Near { marks: self, from, ratio });
+        if near.is_some() { near } else { self.far(from, ratio) }
+    }
+
+    /// The nearest mark wherever it is.
+    #[cold]
+    fn far(&self, [x, y]: [usize; 2], ratio: f64) -> Option<HalfPoint> {
+        let (mut found, mut least) = (None, f64::INFINITY);
+        let rows = self.any.len();
+        for away in 0..rows {
+            let down = (away * away) as f64 * ratio;
+            if down >= least {
+                break;
+            }
+            for row in [y.wrapping_sub(away), y + away] {
+                // North of the first row, a number beyond the last one.
+                if self.any.get(row) != Some(&true) {
+                    continue;
+                }
+                if let Some(column) = self.nearest_in_row(row, x, least - down) {
+                    let across = column.abs_diff(x);
+                    let squared = (across * across) as f64 + down;
+                    if squared < least {
+                        (found, least) = (Some([column as i16, row as i16]), squared);
+                    }
+                }
+            }
+        }
+        found
+    }
+
+    /// Half column of the mark of half row `row` that is nearest to half column `x`, if its squared distance is less than
+    /// `limit` squared half columns.
+    fn nearest_in_row(&self, row: usize, x: usize, mut limit: f64) -> Option<usize> {
+        let words = &self.bits[row * self.words + 1..(row + 1) * self.words - 1];
+        let (w, bit) = (x / WORD, x % WORD);
+        let mut found = None;
+        let mut take = |away: usize, column: usize| {
+            if ((away * away) as f64) < limit {
+                (found, limit) = (Some(column), (away * away) as f64);
+            }
+            limit
+        };
+        let (west, east) = (words[w] << (WORD - 1 - bit), words[w] >> bit);
+        if west != 0 {
+            take(west.leading_zeros() as usize, x - west.leading_zeros() as usize);
+        }
+        if east != 0 {
+            take(east.trailing_zeros() as usize, x + east.trailing_zeros() as usize);
+        }
+        for more in 1..words.len() {
+            let (to_west, to_east) = (bit + 1 + (more - 1) * WORD, more * WORD - bit);
+            let least = to_west.min(to_east);
+            if take(usize::MAX >> 40, x) <= (least * least) as f64 {
+                break;
+            }
+            if let Some(&word) = w.checked_sub(more).and_then(|w| words.get(w))
+                && word != 0
+            {
+                let away = to_west + word.leading_zeros() as usize;
+                take(away, x - away);
+            }
+            if let Some(&word) = words.get(w + more)
+                && word != 0
+            {
+                let away = to_east + word.trailing_zeros() as usize;
+                take(away, x + away);
+            }
+        }
+        found
+    }
+}
+
+/// The nearest mark that is less than half a word of half columns away; as [`Marks::nearest`].
+///
+/// Most are. There is nothing to be predicted in the loop but its end.
+struct Near<'a> {
+    marks: &'a Marks,
+    from: [usize; 2],
+    ratio: f64,
+}
+
+impl Kernel for Near<'_> {
+    type Output = Option<HalfPoint>;
+
+    #[inline(always)]
+    fn run(self) -> Option<HalfPoint> {
+        const REACH: usize = WORD / 2;
+        let Self { marks: Marks { words, bits, any }, from: [x, y], ratio } = self;
+        let empty = any.len();
+        // The word from REACH half columns west of the point on; the first word of a row is before its first mark.
+        let (w, shift) = ((x + REACH) / WORD, (x + REACH) % WORD);
+        let mut least = (REACH * REACH) as f64;
+        let mut found = [-1_i16; 2];
+        for away in 0..empty {
+            let down = (away * away) as f64 * ratio;
+            if down >= least {
+                break;
+            }
+            for row in [y.wrapping_sub(away), y + away] {
+                let row = if row < empty { row } else { empty };
+                let pair = &bits[row * words + w..][..2];
+                let around = pair[0] >> shift | (pair[1] << 1) << (WORD - 1 - shift);
+                // Bit REACH is the point's own.
+                let east = (around >> REACH).trailing_zeros() as i32;
+                let west = (around << (REACH - 1)).leading_zeros() as i32;
+                let away = if east < west { east } else { west };
+                let squared = f64::from(away * away) + down;
+                let column = x as i32 + if east < west { east } else { -west };
+                let nearer = squared < least;
+                found = if nearer { [column as i16, row as i16] } else { found };
+                least = if nearer { squared } else { least };
+            }
+        }
+        (found[0] >= 0).then_some(found)
+    }
+}
+
+/// Word `w` of a row moved by one: bit `i` is the row's bit `i + 1`.
+#[inline]
+fn next(row: &[u64], w: usize) -> u64 {
+    row[w] >> 1 | row.get(w + 1).map_or(0, |word| word << (WORD - 1))
+}
+
+/// Ones at the bits of word `w` that are below `count` in their row.
+#[inline]
+fn within(count: usize, w: usize) -> u64 {
+    match count.saturating_sub(w * WORD) {
+        more @ 0..WORD => (1 << more) - 1,
+        _ => u64::MAX,
+    }
+}
+
+/// The lower 32 bits at the even places.
+#[inline]
+fn spread(bits: u64) -> u64 {
+    let mut x = bits & 0xFFFF_FFFF;
+    x = (x | x << 16) & 0x0000_FFFF_0000_FFFF;
+    x = (x | x << 8) & 0x00FF_00FF_00FF_00FF;
+    x = (x | x << 4) & 0x0F0F_0F0F_0F0F_0F0F;
+    x = (x | x << 2) & 0x3333_3333_3333_3333;
+    (x | x << 1) & 0x5555_5555_5555_5555
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// All marks, one by one.
+    fn all(marks: &Marks, n: usize) -> Vec<HalfPoint> {
+        let side = 2 * n + 1;
+        let is_marked = |x: usize, y: usize| {
+            let (word, bit) = (y * marks.words + 1 + x / WORD, x % WORD);
+            marks.bits[word] >> bit & 1 == 1
+        };
+        let points = (0..side * side).map(|i| (i % side, i / side));
+        points.filter(|&(x, y)| is_marked(x, y)).map(|(x, y)| [x as i16, y as i16]).collect()
+    }
+
+    /// Samples of `side x side`, of which about one in `rarity` is unlike the others.
+    fn samples(side: usize, rarity: u64, seed: u64) -> Vec<u8> {
+        let mut state = seed | 1;
+        let mut next = || {
+            state = state.wrapping_mul(0x5851_F42D_4C95_7F2D).wrapping_add(0x1405_7B7E_F767_814F);
+            state >> 33
+        };
+        let usual = (next() % 2) as u8;
+        (0..side * side).map(|_| if next() % rarity == 0 { usual ^ 1 } else { usual }).collect()
+    }
+
+    fn nearest_is_nearest(marks: &Marks, n: usize, half: (f64, f64)) {
+        let marked = all(marks, n);
+        let squared = |[x, y]: HalfPoint, at: [usize; 2]| {
+            let across = f64::from(x) - at[0] as f64;
+            let down = f64::from(y) - at[1] as f64;
+            (across * half.0).powi(2) + (down * half.1).powi(2)
+        };
+        for i in (0..(2 * n + 1) * (2 * n + 1)).step_by(if n > 16 { 37 } else { 1 }) {
+            let at = [i % (2 * n + 1), i / (2 * n + 1)];
+            match marks.nearest(at, half) {
+                None => assert!(marked.is_empty()),
+                Some(found) => {
+                    let least = marked.iter().map(|&mark| squared(mark, at)).fold(f64::INFINITY, f64::min);
+                    assert!(marked.contains(&found), "{found:?} is no mark");
+                    assert!(squared(found, at) <= least * (1.0 + 1e-9), "{at:?}: {found:?}, {half:?}");
+                }
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn marks_are_where_the_definitions_say_and_the_nearest_is_found(
+            log_n in 2_u32..8,
+            rarity in prop::sample::select(vec![2_u64, 7, 100, 5_000]),
+            seed: u64,
+            half in (0.1_f64..10.0, 0.1_f64..10.0),
+        ) {
+            let n = 1 << log_n;
+            let side = n + 1;
+            let valid = samples(side, rarity, seed);
+            let at = |x: usize, y: usize| valid[y * side + x];
+            let mut bits = ValidBits::default();
+            bits.fill(&valid, side);
+
+            let mut marks = Marks::default();
+            marks.outline(&bits, n);
+            let mut expected = Vec::new();
+            for y in 0..=2 * n {
+                for x in 0..=2 * n {
+                    let ((i, j), odd) = ((x / 2, y / 2), (x / 2 + y / 2) % 2 == 1);
+                    let crossed = match (x % 2, y % 2) {
+                        (0, 0) => false,
+                        (1, 0) => at(i, j) != at(i + 1, j),
+                        (0, _) => at(i, j) != at(i, j + 1),
+                        (_, _) if odd => at(i + 1, j) != at(i, j + 1),
+                        (_, _) => at(i, j) != at(i + 1, j + 1),
+                    };
+                    if crossed {
+                        expected.push([x as i16, y as i16]);
+                    }
+                }
+            }
+            prop_assert_eq!(all(&marks, n), expected);
+            nearest_is_nearest(&marks, n, half);
+
+            // Blocks: some of them mixed though their corners are alike.
+            let mixed = samples(n, rarity, !seed);
+            for kind in [false, true] {
+                marks.places(&bits, &mixed, n, kind);
+                let is_kind = |x: usize, y: usize| (at(x, y) == 1) == kind;
+                let mut expected = Vec::new();
+                for y in 0..=2 * n {
+                    for x in 0..=2 * n {
+                        let (i, j) = (x / 2, y / 2);
+                        let marked = match (x % 2, y % 2) {
+                            (0, 0) => is_kind(i, j),
+                            (1, 1) => {
+                                let corners = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
+                                mixed[j * n + i] == 1 && !corners.iter().any(|&(i, j)| is_kind(i, j))
+                            }
+                            _ => false,
+                        };
+                        if marked {
+                            expected.push([x as i16, y as i16]);
+                        }
+                    }
+                }
+                prop_assert_eq!(all(&marks, n), expected);
+                nearest_is_nearest(&marks, n, half);
+            }
+        }
+    }
+}
