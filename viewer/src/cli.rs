@@ -58,6 +58,7 @@ struct Cli {
         value_enum,
         default_value = "hybrid",
         value_name = "WHAT",
+        requires = "mode",
         help_heading = "Without a window"
     )]
     lod: LodName,

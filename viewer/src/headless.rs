@@ -178,7 +178,8 @@ impl Booth {
         let scene = &stage.scene;
         let observed = if journey.observe {
             let (selection, rule) = (&chosen.selection, scene.rule());
-            Some(observed::observe(scene.reader(), selection, &levels, scene.frame(), view, rule)?.pixels)
+            let observed = observed::observe(scene.reader(), selection, &levels, scene.frame(), view, rule);
+            Some(observed.map_err(unmeasured)?.pixels)
         } else {
             None
         };
@@ -197,6 +198,11 @@ impl Booth {
             ..Row::default()
         })
     }
+}
+
+/// The truth is in the leaves: without one there is no error to tell.
+fn unmeasured(why: Error) -> Error {
+    Error::usage(format!("--observe needs every sample in view: {why}"))
 }
 
 /// Times of the frames.

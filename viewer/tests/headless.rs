@@ -6,7 +6,7 @@ mod common;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::{Table, covered, fixture, png, run, viewer};
+use common::{Table, chequered, covered, fixture, png, run, viewer};
 use relevo::TileId;
 use relevo::container::{ChunkKind, Reader, sections};
 use tempfile::TempDir;
@@ -216,10 +216,59 @@ fn arguments_that_make_no_sense_are_refused() {
         (&["--gpu-memory", "much"], "GiB"),
         (&["--headless", "--count", "1", "--gpu-memory", "1KiB"], "--gpu-memory"),
         (&["--count", "3"], "--headless"),
+        (&["--lod", "tiles"], "--headless|--shot"),
+        (&["--lod", "hybrid"], "--headless|--shot"),
         (&["--headless", "--shot", "a.png"], "--shot"),
         (&["--target-fps", "30", "--max-triangles", "100"], "--max-triangles"),
     ] {
         let (_, errors) = run(viewer().arg(&file).args(arguments), 2);
         assert!(errors.contains(says), "{arguments:?}: {errors}");
+    }
+}
+
+#[test]
+fn the_memory_that_a_refusal_names_is_the_least_that_is_accepted() {
+    let (folder, file) = rmnp();
+    let chequers = chequered(folder.path(), 129);
+    for file in [&file, &chequers] {
+        let with = |memory: &str, code| {
+            let mut command = viewer();
+            command.arg(file).args([
+                "--headless",
+                "--count",
+                "2",
+                "--size",
+                "640x400",
+                "--gpu-memory",
+                memory,
+            ]);
+            run(&mut command, code).1
+        };
+        let refusal = with("1KiB", 2);
+        let least = refusal.split("at least ").nth(1).and_then(|rest| rest.split(' ').next());
+        let least: u32 = least.and_then(|number| number.parse().ok()).expect("a number of MiB");
+        assert!(with(&format!("{}MiB", least - 1), 2).contains(&format!("at least {least} MiB")));
+        assert_eq!(with(&format!("{least}MiB"), 0), "");
+    }
+}
+
+#[test]
+fn what_a_damaged_leaf_hides_is_not_said_to_be_measured() {
+    let (folder, file) = rmnp();
+    let leaf = Reader::open(&file).expect("open").header().levels;
+    damage(&file, TileId::new(leaf, 2, 3));
+    let csv = folder.path().join("out.csv");
+    // With the finest tiles drawn, and with coarse ones, whose errors the leaves tell.
+    for tolerance in ["0.1", "50"] {
+        for mode in [&[][..], &["--streaming"]] {
+            let mut command = viewer();
+            command.arg(&file).args(["--headless", "--count", "8", "--size", "320x200", "--observe"]);
+            command.args(["--tolerance", tolerance]).args(mode);
+            let (out, errors) = run(command.arg("--metrics").arg(&csv), 2);
+            assert!(out.is_empty(), "{out}");
+            let last = errors.lines().last().expect("words");
+            assert!(last.contains("--observe") && last.contains("CRC"), "{errors}");
+            assert!(last.contains(&format!("{leaf}/2/3")), "{errors}");
+        }
     }
 }

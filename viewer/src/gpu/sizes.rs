@@ -114,37 +114,43 @@ impl Sizes {
         let parts = u64::from(self.patches()).pow(2);
         let most =
             widest(self.tile + 1).min(storage / (self.table_words() * 4)).min(storage / (parts * 5 * 8));
-        let mut fits = Self {
+        let wanted = Self {
             tiles: self.tiles.min(u32::try_from(most).unwrap_or(u32::MAX)),
             images: self.images.min(u32::try_from(widest(self.image_side)).unwrap_or(u32::MAX)),
             ..self
         };
-        let wanted = fits;
-        let bare = Self { tiles: 0, images: 0, ..self }.bytes(picture);
-        let free = budget.saturating_sub(bare);
-        let of = |bytes: u64, each: u64, most: u32| {
-            u32::try_from(bytes / each.max(1)).unwrap_or(u32::MAX).min(most)
-        };
-        if fits.images > 0 {
-            let for_tiles = of(free / 2, self.tile_bytes(), wanted.tiles);
-            fits.images =
-                of(free - u64::from(for_tiles) * self.tile_bytes(), self.image_bytes(), wanted.images);
-        }
-        fits.tiles = of(free - u64::from(fits.images) * self.image_bytes(), self.tile_bytes(), wanted.tiles);
-        // Layers are whole, so a few slots less may fit than the bytes would hold.
-        while fits.bytes(picture) > budget && fits.tiles > 0 {
-            fits.tiles -= 1;
-            if fits.bytes(picture) > budget && fits.images > 1 {
-                fits.images -= 1;
-            }
-        }
-        let fewest = Self { tiles: wanted.tiles.min(FEWEST), images: wanted.images.min(FEWEST), ..self };
-        if fits.tiles < fewest.tiles || fits.images < fewest.images {
+        wanted.shared_out(budget, picture)
+    }
+
+    /// [`Self::within`] on a device that could hold all of `self`.
+    fn shared_out(self, budget: u64, picture: (u32, u32)) -> Result<Self> {
+        let fewest = Self { tiles: self.tiles.min(FEWEST), images: self.images.min(FEWEST), ..self };
+        let least = fewest.bytes(picture);
+        if least > budget {
             return Err(Error::usage(format!(
                 "{} MiB of graphics memory are too little for this file: give at least {} MiB (--gpu-memory)",
                 budget >> 20,
-                (fewest.bytes(picture) >> 20) + 2
+                least.div_ceil(1 << 20)
             )));
+        }
+        let free = budget.saturating_sub(Self { tiles: 0, images: 0, ..self }.bytes(picture));
+        let of = |bytes: u64, each: u64, (few, most): (u32, u32)| {
+            u32::try_from(bytes / each.max(1)).unwrap_or(u32::MAX).clamp(few, most)
+        };
+        let (tiles, images) = ((fewest.tiles, self.tiles), (fewest.images, self.images));
+        let left = |count: u32, each: u64| free.saturating_sub(u64::from(count) * each);
+        let mut fits = fewest;
+        if self.images > 0 {
+            let for_tiles = of(free / 2, self.tile_bytes(), tiles);
+            fits.images = of(left(for_tiles, self.tile_bytes()), self.image_bytes(), images);
+        }
+        fits.tiles = of(left(fits.images, self.image_bytes()), self.tile_bytes(), tiles);
+        // Layers are whole, so a few slots less may fit than the bytes would hold; the fewest do.
+        while fits.bytes(picture) > budget && fits != fewest {
+            fits.tiles = fits.tiles.saturating_sub(1).max(fewest.tiles);
+            if fits.bytes(picture) > budget {
+                fits.images = fits.images.saturating_sub(1).max(fewest.images);
+            }
         }
         Ok(fits)
     }
@@ -167,6 +173,44 @@ const FIXED_BYTES: u64 = 1 << 20;
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The MiB that a refusal names.
+    fn named(refusal: &Error) -> u64 {
+        let text = refusal.to_string();
+        let number = text.split("at least ").nth(1).and_then(|rest| rest.split(' ').next());
+        number.and_then(|number| number.parse().ok()).expect("a number of MiB")
+    }
+
+    #[test]
+    fn a_refusal_names_the_least_memory_that_is_accepted() {
+        for (tile, patch_log2) in [(32, 3), (64, 4), (256, 5), (1024, 6)] {
+            for (tiles, images, image_side) in [
+                (1, 0, 0),
+                (3, 1, 260),
+                (6, 6, 66),
+                (5000, 0, 0),
+                (5000, 3, 516),
+                (40, 900, 260),
+                (9000, 9000, 516),
+            ] {
+                let all = Sizes { tile, patch_log2, tiles, images, image_side, gutter: 2 };
+                for picture in [(64, 64), (1280, 720), (1921, 1081)] {
+                    let least = named(&all.shared_out(0, picture).expect_err("no memory"));
+                    let refusal = all.shared_out((least << 20) - (1 << 20), picture);
+                    assert_eq!(named(&refusal.expect_err("too little")), least, "{all:?}");
+                    for budget in [least << 20, (least << 20) + 4321, least << 21, (9 * least) << 20] {
+                        let fits = all.shared_out(budget, picture).expect("enough");
+                        assert!(fits.bytes(picture) <= budget, "{fits:?}");
+                        assert!(
+                            fits.tiles >= tiles.min(FEWEST) && fits.images >= images.min(FEWEST),
+                            "{fits:?}"
+                        );
+                        assert!(fits.tiles <= tiles && fits.images <= images, "{fits:?}");
+                    }
+                }
+            }
+        }
+    }
 
     #[test]
     fn slots_of_a_packing_do_not_meet() {
