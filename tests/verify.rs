@@ -216,8 +216,23 @@ proptest! {
     ) {
         let mut source = terrain::int16(width, height, kind, seed);
         source.info.geo.transform = Some([0.0, 1.0, 0.0, 0.0, 0.0, -dy]);
-        good(&source, &sizes(tile, patch, metric));
+        // A raster of a few samples may have no valid one: that is refused.
+        if is_void(&source) {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("a.rlv");
+            let refusal = build(&source, &path, &sizes(tile, patch, metric), &Silent).unwrap_err();
+            prop_assert!(refusal.to_string().contains("at least one valid sample"), "{refusal}");
+            prop_assert!(!path.exists());
+        } else {
+            good(&source, &sizes(tile, patch, metric));
+        }
     }
+}
+
+/// True if no sample of an int16 terrain is valid.
+fn is_void(source: &Memory) -> bool {
+    let nodata = source.info.nodata;
+    matches!(&source.samples, Samples::Int16(all) if all.iter().all(|&sample| Some(f64::from(sample)) == nodata))
 }
 
 /// Tiles as they are stored.
