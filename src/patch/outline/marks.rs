@@ -155,7 +155,7 @@ impl Marks {
                 if self.any.get(row) != Some(&true) {
                     continue;
                 }
-                if let Some(column) = self.nearest_in_row(row, x, least - down) {
+                if let Some(column) = self.nearest_in_row(row, x) {
                     let across = column.abs_diff(x);
                     let squared = (across * across) as f64 + down;
                     if squared < least {
@@ -167,45 +167,28 @@ impl Marks {
         found
     }
 
-    /// Half column of the mark of half row `row` that is nearest to half column `x`, if its squared distance is less than
-    /// `limit` squared half columns.
-    fn nearest_in_row(&self, row: usize, x: usize, mut limit: f64) -> Option<usize> {
+    /// Half column of the mark of half row `row` that is nearest to half column `x`.
+    fn nearest_in_row(&self, row: usize, x: usize) -> Option<usize> {
         let words = &self.bits[row * self.words + 1..(row + 1) * self.words - 1];
         let (w, bit) = (x / WORD, x % WORD);
-        let mut found = None;
-        let mut take = |away: usize, column: usize| {
-            if ((away * away) as f64) < limit {
-                (found, limit) = (Some(column), (away * away) as f64);
-            }
-            limit
+        // What of the point's own word lies on either side, the point included, at the end that is next to it.
+        let (own_west, own_east) = (words[w] << (WORD - 1 - bit), words[w] >> bit);
+        let west = if own_west != 0 {
+            Some(x - own_west.leading_zeros() as usize)
+        } else {
+            let w = words[..w].iter().rposition(|&word| word != 0);
+            w.map(|w| w * WORD + WORD - 1 - words[w].leading_zeros() as usize)
         };
-        let (west, east) = (words[w] << (WORD - 1 - bit), words[w] >> bit);
-        if west != 0 {
-            take(west.leading_zeros() as usize, x - west.leading_zeros() as usize);
+        let east = if own_east != 0 {
+            Some(x + own_east.trailing_zeros() as usize)
+        } else {
+            let w = (w + 1..words.len()).find(|&w| words[w] != 0);
+            w.map(|w| w * WORD + words[w].trailing_zeros() as usize)
+        };
+        match (west, east) {
+            (Some(west), Some(east)) => Some(if x - west <= east - x { west } else { east }),
+            (west, east) => west.or(east),
         }
-        if east != 0 {
-            take(east.trailing_zeros() as usize, x + east.trailing_zeros() as usize);
-        }
-        for more in 1..words.len() {
-            let (to_west, to_east) = (bit + 1 + (more - 1) * WORD, more * WORD - bit);
-            let least = to_west.min(to_east);
-            if take(usize::MAX >> 40, x) <= (least * least) as f64 {
-                break;
-            }
-            if let Some(&word) = w.checked_sub(more).and_then(|w| words.get(w))
-                && word != 0
-            {
-                let away = to_west + word.leading_zeros() as usize;
-                take(away, x - away);
-            }
-            if let Some(&word) = words.get(w + more)
-                && word != 0
-            {
-                let away = to_east + word.trailing_zeros() as usize;
-                take(away, x + away);
-            }
-        }
-        found
     }
 }
 
