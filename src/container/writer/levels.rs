@@ -1,13 +1,13 @@
 //! The files of a writer's levels: chunks in the order in which they came, and those of adopted pieces.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter};
 use std::path::Path;
 
 use super::BUFFER;
 use crate::container::directory::TileEntry;
 use crate::container::work::WorkFolder;
-use crate::file::read_exact_at;
+use crate::file::{read_exact_at, write_all_at};
 
 /// Chunks of one level in the order in which they came.
 pub(super) struct LevelFile {
@@ -63,27 +63,31 @@ pub(super) fn level_file<'a>(
     Ok(slot.insert(LevelFile { file: BufWriter::with_capacity(BUFFER, file), end: 0, adopted: Vec::new() }))
 }
 
-/// Copies the chunks of some tiles and makes sure that they are still what came.
+/// Copies the chunks of tiles that follow one another in `out`, whose tiles section begins at `base`, and makes sure that they are
+/// still what came.
 pub(super) fn copy_tiles(
     file: &LevelFile,
     entries: &[TileEntry],
     sources: &[u64],
-    out: &mut impl Write,
+    (out, base): (&File, u64),
 ) -> io::Result<()> {
-    let mut buffer = Vec::new();
+    let Some(first) = entries.first() else { return Ok(()) };
+    let bytes: u64 = entries.iter().map(|entry| entry.chunks.bytes()).sum();
+    let mut buffer = vec![0; bytes as usize];
+    let mut rest = buffer.as_mut_slice();
     for (entry, &source) in entries.iter().zip(sources) {
-        buffer.resize(entry.chunks.bytes() as usize, 0);
-        file.read(&mut buffer, source)?;
-        let mut rest = buffer.as_slice();
+        let (chunks, behind) = rest.split_at_mut(entry.chunks.bytes() as usize);
+        file.read(chunks, source)?;
+        let mut from = 0;
         for (length, crc) in entry.chunks.lengths.into_iter().zip(entry.chunks.crcs) {
-            let (chunk, behind) = rest.split_at(length as usize);
-            if crc32fast::hash(chunk) != crc {
+            let end = from + length as usize;
+            if crc32fast::hash(&chunks[from..end]) != crc {
                 let what = format!("the disk gave back other bytes for tile {} than it was given", entry.id);
                 return Err(io::Error::other(what));
             }
-            rest = behind;
+            from = end;
         }
-        out.write_all(&buffer)?;
+        rest = behind;
     }
-    Ok(())
+    write_all_at(out, &buffer, base + first.chunks.offset)
 }
