@@ -224,6 +224,7 @@ impl Run<'_> {
 
     /// The state as bytes, and the files to be synced before it is written.
     fn snapshot(&mut self, next: u32) -> Result<(Vec<std::fs::File>, Vec<u8>)> {
+        self.sweep.settle()?;
         let standing = self.sweep.standing()?;
         let mark = self.sweep.writer().mark()?;
         let mut files = self.sweep.writer().files()?;

@@ -96,6 +96,8 @@ pub struct Sweep<'a> {
     levels: Vec<Level>,
     writer: ContainerWriter,
     tally: Tally,
+    /// Finished tiles that are written and counted while the next row is worked on.
+    unwritten: Vec<Finished>,
     /// What others left for this sweep.
     earlier: Seams,
     /// What this sweep leaves for others.
@@ -124,7 +126,7 @@ impl<'a> Sweep<'a> {
         seam: SeamFile,
     ) -> Self {
         let levels = (0..=plan.levels).map(|_| Level::default()).collect();
-        Self { plan, reach, levels, writer, tally, earlier, seam, passed: 0 }
+        Self { plan, reach, levels, writer, tally, unwritten: Vec::new(), earlier, seam, passed: 0 }
     }
 
     /// The next row of leaf tiles.
@@ -148,10 +150,16 @@ impl<'a> Sweep<'a> {
                 self.lift(level, y, north, Vec::new())?;
             }
         }
-        Ok(())
+        self.settle()
     }
 
-    /// What stands in the levels now, as items: with the seam file, all that a sweep needs to go on from here.
+    /// Writes and counts what has been finished.
+    pub fn settle(&mut self) -> Result<()> {
+        let tiles = std::mem::take(&mut self.unwritten);
+        write(tiles, &mut self.writer, &mut self.tally, self.plan)
+    }
+
+    /// What stands in the levels now, as items: with the seam file and what is settled, all that a sweep needs to go on from here.
     pub fn standing(&self) -> Result<Vec<u8>> {
         let mut quarters = Vec::new();
         let mut items = Vec::new();
@@ -220,24 +228,28 @@ impl<'a> Sweep<'a> {
         let columns = self.reach.finished(level).columns.clone();
         let north = self.levels[usize::from(level)].north.as_ref();
         let fills = plan.fills(level, north, row, south, &columns);
-        let finished: Vec<Option<Result<Finished>>> = row
-            .slots
-            .par_iter_mut()
-            .zip(fills)
-            .map_init(Scratch::default, |scratch, ((x, slot), fills)| match slot {
-                Slot::Work(work) if columns.contains(x) => {
-                    fill::apply(&mut work.lattice, &fills);
-                    Some(work.finish(TileId::new(level, *x, y), plan, scratch))
-                }
-                _ => None,
-            })
-            .collect();
+        let work = || -> Vec<Option<Result<(Finished, Quarter)>>> {
+            row.slots
+                .par_iter_mut()
+                .zip(fills)
+                .map_init(Scratch::default, |scratch, ((x, slot), fills)| match slot {
+                    Slot::Work(work) if columns.contains(x) => {
+                        fill::apply(&mut work.lattice, &fills);
+                        Some(work.finish(TileId::new(level, *x, y), plan, scratch))
+                    }
+                    _ => None,
+                })
+                .collect()
+        };
+        let unwritten = std::mem::take(&mut self.unwritten);
+        let (written, finished) =
+            rayon::join(|| write(unwritten, &mut self.writer, &mut self.tally, plan), work);
+        written?;
         let mut quarters = Vec::with_capacity(finished.len());
         for tile in finished.into_iter().flatten() {
-            let tile = tile?;
-            self.writer.append(&tile.record, &tile.chunks)?;
-            self.tally.add(&tile, &plan.geometry(tile.record.id));
-            quarters.push((tile.record.id.x, tile.quarter));
+            let (tile, quarter) = tile?;
+            quarters.push((tile.record.id.x, quarter));
+            self.unwritten.push(tile);
         }
         Ok(quarters)
     }
@@ -308,6 +320,15 @@ impl<'a> Sweep<'a> {
         slots.sort_unstable_by_key(|(x, _)| *x);
         self.push_at(above, TileRow { y, slots })
     }
+}
+
+/// Writes and counts finished tiles.
+fn write(tiles: Vec<Finished>, writer: &mut ContainerWriter, tally: &mut Tally, plan: &Plan) -> Result<()> {
+    for tile in tiles {
+        writer.append(&tile.record, &tile.chunks)?;
+        tally.add(&tile, &plan.geometry(tile.record.id));
+    }
+    Ok(())
 }
 
 impl Plan {

@@ -40,8 +40,6 @@ pub struct Finished {
     pub occupied: Vec<bool>,
     /// Its own samples, for the statistics.
     pub census: Census,
-    /// For the parent.
-    pub quarter: Quarter,
 }
 
 /// The valid samples of a tile's own lattice.
@@ -91,8 +89,8 @@ impl Work {
         (0..).zip(&below.errors).filter_map(quarter).collect()
     }
 
-    /// Measures, encodes and halves the tile, whose fills are in place.
-    pub fn finish(&mut self, id: TileId, plan: &Plan, scratch: &mut Scratch) -> Result<Finished> {
+    /// Measures, encodes and halves the tile, whose fills are in place. The quarter is for the parent.
+    pub fn finish(&mut self, id: TileId, plan: &Plan, scratch: &mut Scratch) -> Result<(Finished, Quarter)> {
         let coding = plan.recipe.coding;
         let geometry = plan.geometry(id);
         let [own, valid] = Range::of(&self.lattice, coding);
@@ -121,7 +119,7 @@ impl Work {
         };
         let quarter = Quarter { lattice: downsample::halve(&self.lattice, coding), blocks, errors, range };
         let census = census(&self.lattice, valid, id, plan);
-        Ok(Finished { record, chunks, table, occupied, census, quarter })
+        Ok((Finished { record, chunks, table, occupied, census }, quarter))
     }
 
     /// Patches with a valid sample in or below them, blocks for the parent, and errors.
