@@ -25,10 +25,9 @@ mod tests;
 use std::cell::Cell as ThreadCell;
 
 use crate::geo::Spacing;
-use crate::sample::VALID;
 use crate::simd;
 use above_cell::AboveCells;
-use features::{CellBits, Validity};
+use features::{AllAlike, CellBits, Validity};
 use leaf_cell::{Grid, LeafCells};
 use marks::{Marks, ValidBits};
 use patterns::Patterns;
@@ -88,9 +87,7 @@ pub fn leaf(state: &[u8], n: usize, patch: usize, parity: bool, spacing: Spacing
     let zeros = |level: usize| vec![0.0; (n >> level) * (n >> level)];
     let mut errors =
         LeafOutline { steps: (0..=p).map(|_| zeros(p)).collect(), ahead: (p + 1..=top).map(zeros).collect() };
-    // Counting has no way out of the loop, so it runs on vectors; most tiles are all valid.
-    let valid = state.iter().filter(|&&state| state == VALID).count();
-    if valid == state.len() || valid == 0 {
+    if simd::run(AllAlike { state }) {
         return errors;
     }
     with_scratch(n, |scratch| leaf_errors(scratch, state, n, parity, usable(spacing), &mut errors));

@@ -24,6 +24,27 @@ impl Kernel for Validity<'_> {
     }
 }
 
+/// True if all samples of a tile are valid, or none is.
+pub(super) struct AllAlike<'a> {
+    pub(super) state: &'a [u8],
+}
+
+impl Kernel for AllAlike<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        // The inner loop has no way out, so it runs on vectors.
+        const AT_ONCE: usize = 1024;
+        let Some(&first) = self.state.first() else { return true };
+        let valid = u8::from(first == VALID);
+        self.state.chunks(AT_ONCE).all(|some| {
+            let unlike = some.iter().fold(0, |unlike, &state| unlike | (u8::from(state == VALID) ^ valid));
+            unlike == 0
+        })
+    }
+}
+
 /// Two rows of samples, as the corners of the cells between them: north-west, north-east, south-west, south-east.
 #[inline(always)]
 fn corners(valid: &[u8], n: usize, row: usize) -> [&[u8]; 4] {

@@ -13,6 +13,9 @@ pub(super) type HalfPoint = [i16; 2];
 /// Bits of a word.
 const WORD: usize = u64::BITS as usize;
 
+/// Half rows that are looked at together from far away.
+const GROUP: usize = 8;
+
 /// Samples of a tile that are valid, as bits: row by row, each in whole words.
 #[derive(Debug, Default)]
 pub(super) struct ValidBits {
@@ -46,8 +49,11 @@ fn pack(bytes: &[u8]) -> u64 {
     let (chunks, rest) = bytes.as_chunks::<8>();
     let mut last = [0; 8];
     last[..rest.len()].copy_from_slice(rest);
-    let whole = chunks.iter().rev().fold(0, |word, &bytes| word << 8 | eight(bytes));
-    if rest.is_empty() { whole } else { whole | eight(last) << (8 * chunks.len()) }
+    let mut word = if rest.is_empty() { 0 } else { eight(last) << (8 * chunks.len()) };
+    for (i, &bytes) in chunks.iter().enumerate() {
+        word |= eight(bytes) << (8 * i);
+    }
+    word
 }
 
 /// Marked points of the half lattice of a tile.
@@ -59,6 +65,8 @@ pub(super) struct Marks {
     bits: Vec<u64>,
     /// True for each half row with a mark.
     any: Vec<bool>,
+    /// The same words for each [`GROUP`] of half rows: what any of them has.
+    groups: Vec<u64>,
 }
 
 impl Marks {
@@ -70,6 +78,8 @@ impl Marks {
         self.bits.resize((2 * n + 2) * self.words, 0);
         self.any.clear();
         self.any.resize(2 * n + 1, false);
+        self.groups.clear();
+        self.groups.resize((2 * n + 1).div_ceil(GROUP) * self.words, 0);
     }
 
     /// Marks points of half row `row`: bit `i` of word `w` of `even` is half column `2 (64 w + i)`, of `odd` the one after it.
@@ -79,11 +89,12 @@ impl Marks {
             return;
         }
         self.any[row] = true;
-        let to = &mut self.bits[row * self.words + 1..(row + 1) * self.words - 1];
-        to[2 * w] = spread(even) | spread(odd) << 1;
+        let words = [spread(even) | spread(odd) << 1, spread(even >> 32) | spread(odd >> 32) << 1];
         // The last word may have the tile's last half column only.
-        if let Some(to) = to.get_mut(2 * w + 1) {
-            *to = spread(even >> 32) | spread(odd >> 32) << 1;
+        let (from, count) = (2 * w + 1, 2.min(self.words - 2 - 2 * w));
+        for (i, word) in words.into_iter().enumerate().take(count) {
+            self.bits[row * self.words + from + i] = word;
+            self.groups[row / GROUP * self.words + from + i] |= word;
         }
     }
 
@@ -144,22 +155,31 @@ impl Marks {
     #[cold]
     fn far(&self, [x, y]: [usize; 2], ratio: f64) -> Option<HalfPoint> {
         let (mut found, mut least) = (None, f64::INFINITY);
-        let rows = self.any.len();
-        for away in 0..rows {
-            let down = (away * away) as f64 * ratio;
-            if down >= least {
+        let squared = |column: usize, down: usize| {
+            let across = column.abs_diff(x);
+            (across * across) as f64 + (down * down) as f64 * ratio
+        };
+        let (own, groups) = (y / GROUP, self.any.len().div_ceil(GROUP));
+        for away in 0..groups {
+            // Rows between the point and the nearer one of two groups.
+            let between = (away * GROUP).saturating_sub(GROUP - 1);
+            if squared(x, between) >= least {
                 break;
             }
-            for row in [y.wrapping_sub(away), y + away] {
-                // North of the first row, a number beyond the last one.
-                if self.any.get(row) != Some(&true) {
+            let south = if away > 0 { own + away } else { groups };
+            for group in [own.wrapping_sub(away), south].into_iter().filter(|&group| group < groups) {
+                let first = group * GROUP;
+                let rows = first..(first + GROUP).min(self.any.len());
+                let nearest_row = y.clamp(first, rows.end - 1);
+                let Some(column) = self.nearest_in_row(&self.groups, group, x) else { continue };
+                if squared(column, nearest_row.abs_diff(y)) >= least {
                     continue;
                 }
-                if let Some(column) = self.nearest_in_row(row, x) {
-                    let across = column.abs_diff(x);
-                    let squared = (across * across) as f64 + down;
-                    if squared < least {
-                        (found, least) = (Some([column as i16, row as i16]), squared);
+                for row in rows.filter(|&row| self.any[row]) {
+                    let Some(column) = self.nearest_in_row(&self.bits, row, x) else { continue };
+                    let away = squared(column, row.abs_diff(y));
+                    if away < least {
+                        (found, least) = (Some([column as i16, row as i16]), away);
                     }
                 }
             }
@@ -167,9 +187,9 @@ impl Marks {
         found
     }
 
-    /// Half column of the mark of half row `row` that is nearest to half column `x`.
-    fn nearest_in_row(&self, row: usize, x: usize) -> Option<usize> {
-        let words = &self.bits[row * self.words + 1..(row + 1) * self.words - 1];
+    /// Half column of the mark of row `row` of `bits` that is nearest to half column `x`.
+    fn nearest_in_row(&self, bits: &[u64], row: usize, x: usize) -> Option<usize> {
+        let words = &bits[row * self.words + 1..(row + 1) * self.words - 1];
         let (w, bit) = (x / WORD, x % WORD);
         // What of the point's own word lies on either side, the point included, at the end that is next to it.
         let (own_west, own_east) = (words[w] << (WORD - 1 - bit), words[w] >> bit);
@@ -207,7 +227,7 @@ impl Kernel for Near<'_> {
     #[inline(always)]
     fn run(self) -> Option<HalfPoint> {
         const REACH: usize = WORD / 2;
-        let Self { marks: Marks { words, bits, any }, from: [x, y], ratio } = self;
+        let Self { marks: Marks { words, bits, any, .. }, from: [x, y], ratio } = self;
         let empty = any.len();
         // The word from REACH half columns west of the point on; the first word of a row is before its first mark.
         let (w, shift) = ((x + REACH) / WORD, (x + REACH) % WORD);

@@ -76,7 +76,7 @@ impl Patterns {
     /// For each fault, the bound of all points of the square of 2 x 2 cells at `(2x, 2y)` that it is possible at; square metres.
     pub(super) fn square(&mut self, grid: Grid, at: (usize, usize), segments: &mut Segments) -> [f64; 2] {
         let pattern = pattern(grid, at);
-        BOTH.map(|fault| self.of_square(pattern, fault as usize, segments))
+        [self.of_square(pattern, 0, segments), self.of_square(pattern, 1, segments)]
     }
 
     /// The bound of the misdrawn points of the square at `(2x, 2y)`, drawn as one cell; square metres.
@@ -85,20 +85,24 @@ impl Patterns {
     }
 
     /// One of the ways of a pattern.
+    #[inline]
     fn of_square(&mut self, pattern: usize, way: usize, segments: &mut Segments) -> f64 {
         if self.squares[pattern][way] == UNKNOWN {
-            let samples: [u8; 9] = std::array::from_fn(|i| (pattern >> i & 1) as u8);
-            let corners = [0, 2, 6, 8].map(|i| i32::from(samples[i]) * ONE);
-            let drawn = quarters(corners, way == 2).map(shares);
-            self.squares[pattern][way] = match way {
-                0 | 1 => {
-                    let fault = BOTH[way];
-                    self.farthest(&samples, &QUARTERS, &[fault], |_| all_of(fault), segments)
-                }
-                _ => self.farthest(&samples, &QUARTERS, &BOTH, |quarter| drawn[quarter], segments),
-            };
+            self.squares[pattern][way] = self.look_into(pattern, way, segments);
         }
         self.squares[pattern][way] * self.scale
+    }
+
+    /// What [`Patterns::of_square`] remembers.
+    #[cold]
+    fn look_into(&self, pattern: usize, way: usize, segments: &mut Segments) -> f64 {
+        let samples: [u8; 9] = std::array::from_fn(|i| (pattern >> i & 1) as u8);
+        if let Some(&fault) = BOTH.get(way) {
+            return self.farthest(&samples, &QUARTERS, &[fault], |_| all_of(fault), segments);
+        }
+        let corners = [0, 2, 6, 8].map(|i| i32::from(samples[i]) * ONE);
+        let drawn = quarters(corners, way == 2).map(shares);
+        self.farthest(&samples, &QUARTERS, &BOTH, |quarter| drawn[quarter], segments)
     }
 
     /// The largest squared distance of the points of some cells of a square that are misdrawn by some faults.
@@ -142,8 +146,8 @@ fn all_of(fault: Fault) -> Corners {
 fn pattern(grid: Grid, (x, y): (usize, usize)) -> usize {
     let row = |j: usize| {
         let from = (2 * y + j) * (grid.n + 1) + 2 * x;
-        let [west, middle, east] = [0, 1, 2].map(|i| usize::from(grid.valid[from + i]));
-        west | middle << 1 | east << 2
+        let samples = &grid.valid[from..from + 3];
+        usize::from(samples[0] | samples[1] << 1 | samples[2] << 2)
     };
     row(0) | row(1) << 3 | row(2) << 6
 }

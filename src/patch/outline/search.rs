@@ -106,6 +106,12 @@ impl Ceilings {
     /// Nobody has asked.
     const UNKNOWN: Self = Self([f32::INFINITY; 2]);
 
+    /// True if somebody has asked.
+    #[inline]
+    fn is_known(self) -> bool {
+        self.0[0] < f32::INFINITY
+    }
+
     /// The ceiling of a fault.
     #[inline]
     pub(super) fn of(self, fault: usize) -> f64 {
@@ -186,7 +192,9 @@ impl Pyramid {
         let mut search = Search { pyramid: self, drawing, cells, bound };
         if let Some(entered) = search.enter(root, at, [0; 4], true) {
             let ceiling = search.ceilings(root, at).highest(entered.faults);
-            search.visit(root, at, entered, ceiling);
+            if !search.bound.settles(ceiling) {
+                search.visit(root, at, entered);
+            }
         }
         search.bound.top
     }
@@ -280,7 +288,7 @@ impl<C: Cells> Search<'_, C> {
         let Level { bits, ceilings } = &mut self.pyramid.levels[level];
         let quarters = (y / 2) * (side / 2) + x / 2;
         let of_square = &mut ceilings[quarters][y % 2 * 2 + x % 2];
-        if *of_square == Ceilings::UNKNOWN {
+        if !of_square.is_known() {
             for (fault, reach) in self.cells.reach(level, (x, y), bits[y * side + x]).into_iter().enumerate()
             {
                 of_square.lower(fault, reach);
@@ -290,11 +298,8 @@ impl<C: Cells> Search<'_, C> {
         of_square
     }
 
-    /// Searches square `(x, y)` of a level, which has been entered; `ceiling` is the highest of its possible faults.
-    fn visit(&mut self, level: usize, (x, y): (usize, usize), entered: Entered, ceiling: f64) {
-        if self.bound.settles(ceiling) {
-            return;
-        }
+    /// Searches square `(x, y)` of a level, which has been entered, and which its ceilings do not settle.
+    fn visit(&mut self, level: usize, (x, y): (usize, usize), entered: Entered) {
         let Entered { drawn, falling, faults } = entered;
         if level == 0 {
             let drawn = shares(drawn);
@@ -320,7 +325,11 @@ impl<C: Cells> Search<'_, C> {
             count += 1;
         }
         for &(ceiling, q) in &order[..count] {
-            self.visit(level - 1, (2 * x + q % 2, 2 * y + q / 2), inside[q], ceiling);
+            // The rest is no farther.
+            if self.bound.settles(ceiling) {
+                break;
+            }
+            self.visit(level - 1, (2 * x + q % 2, 2 * y + q / 2), inside[q]);
         }
         self.lower(level, (x, y));
     }
@@ -330,15 +339,17 @@ impl<C: Cells> Search<'_, C> {
         let side = self.pyramid.n >> level;
         let Level { bits, ceilings } = &self.pyramid.levels[level - 1];
         let quarters = ceilings[y * side + x];
-        let mut highest = [0.0_f64; 2];
-        for (fault, bit) in [HAS_VOID, HAS_VALID].into_iter().enumerate() {
-            let has = |q: usize| bits[(2 * y + q / 2) * 2 * side + 2 * x + q % 2] & bit != 0;
-            let of_quarter = |q: usize| if has(q) { quarters[q].of(fault) } else { 0.0 };
-            highest[fault] = (0..4).map(of_quarter).fold(0.0, f64::max);
+        let (north, south) = (4 * y * side + 2 * x, (4 * y + 2) * side + 2 * x);
+        let mut highest = [0.0_f32; 2];
+        for (at, Ceilings([shown, hidden])) in [north, north + 1, south, south + 1].into_iter().zip(quarters) {
+            let possible = |bit: u8, ceiling: f32| if bits[at] & bit != 0 { ceiling } else { 0.0 };
+            highest[0] = highest[0].max(possible(HAS_VOID, shown));
+            highest[1] = highest[1].max(possible(HAS_VALID, hidden));
         }
-        let ceilings = self.ceilings(level, (x, y));
-        ceilings.lower(0, highest[0]);
-        ceilings.lower(1, highest[1]);
+        let Ceilings(own) = self.ceilings(level, (x, y));
+        for (own, highest) in own.iter_mut().zip(highest) {
+            *own = own.min(highest);
+        }
     }
 
     /// Validity at the corners of drawn cell `(x, y)`.

@@ -2,7 +2,9 @@
 //!
 //! Lengths are metres from the north-west corner of the cell in question. The distance to a convex thing is convex, so
 //! over a triangle it is largest at a corner; the largest distance to the nearest of several things is at most the
-//! least of these maxima. Where that is too coarse the triangle is halved.
+//! least of these maxima. Squared it is convex as well, so it is nowhere above the plane through its values at the
+//! corners, and the distance to the nearer of two things nowhere above the lower one of two planes. Where all that is too
+//! coarse the triangle is halved.
 
 use super::search::{Bound, Corners};
 use crate::simd::Kernel;
@@ -195,8 +197,8 @@ fn smaller(a: f64, b: f64) -> f64 {
 #[derive(Debug)]
 pub(super) struct Things<T> {
     list: Vec<T>,
-    /// Squared distances from the middle of a triangle.
-    from_middle: Vec<f64>,
+    /// Squared distances from the corners and the middle of a triangle.
+    distances: Vec<[f64; LANES]>,
     /// Parts that are still to be looked at.
     pending: Vec<Part>,
 }
@@ -219,7 +221,7 @@ struct Part {
 
 impl<T> Default for Things<T> {
     fn default() -> Self {
-        Self { list: Vec::new(), from_middle: Vec::new(), pending: Vec::new() }
+        Self { list: Vec::new(), distances: Vec::new(), pending: Vec::new() }
     }
 }
 
@@ -242,20 +244,26 @@ impl<T: Convex> Things<T> {
         let [a, b, c] = longest_side_first(part.corners);
         let middle = ((a.0 + b.0 + c.0) / 3.0, (a.1 + b.1 + c.1) / 3.0);
         let (x, y) = ([a.0, b.0, c.0, middle.0], [a.1, b.1, c.1, middle.1]);
-        let mut top = f64::INFINITY;
+        let (mut top, mut lowest) = (f64::INFINITY, 0);
         let mut near = [f64::INFINITY; LANES];
         let things = &self.list[first..end];
-        self.from_middle.resize(things.len(), 0.0);
-        let from_middle = &mut self.from_middle[..things.len()];
+        self.distances.resize(things.len(), [0.0; LANES]);
+        let distances = &mut self.distances[..things.len()];
         for thing in 0..things.len() {
             let squared = things[thing].squared(x, y);
             for i in 0..LANES {
                 near[i] = smaller(squared[i], near[i]);
             }
-            top = smaller(larger(larger(squared[0], squared[1]), squared[2]), top);
-            from_middle[thing] = squared[3];
+            let farthest = larger(larger(squared[0], squared[1]), squared[2]);
+            lowest = if farthest < top { thing } else { lowest };
+            top = smaller(farthest, top);
+            distances[thing] = squared;
         }
         bound.reached(near[0].max(near[1]).max(near[2]));
+        if bound.settles(top) {
+            return;
+        }
+        let top = smaller(top, self.below_two(lowest, near));
         if bound.settles(top) {
             return;
         }
@@ -270,6 +278,24 @@ impl<T: Convex> Things<T> {
         self.pending.push(Part { corners: [a, c, centre], ..half });
     }
 
+    /// An upper bound for the squared distance to the nearer one of two things: number `one` of those looked at, and the one that
+    /// is nearest where that is farthest.
+    #[inline(always)]
+    fn below_two(&self, one: usize, near: [f64; LANES]) -> f64 {
+        let Some(&[a, b, c, _]) = self.distances.get(one) else { return f64::INFINITY };
+        let corner = if a >= b && a >= c { 0 } else if b >= c { 1 } else { 2 };
+        let nearest = self.distances.iter().find(|squared| squared[corner] <= near[corner]);
+        let Some(&[d, e, f, _]) = nearest else { return f64::INFINITY };
+        // The lower one of two planes is highest at a corner, or on a side where they cross.
+        let crossing = |(p, q): (f64, f64), (r, s): (f64, f64)| {
+            let (at_start, at_end) = (p - q, r - s);
+            if at_start * at_end < 0.0 { p + (r - p) * (at_start / (at_start - at_end)) } else { 0.0 }
+        };
+        let corners = larger(larger(smaller(a, d), smaller(b, e)), smaller(c, f));
+        let sides = larger(larger(crossing((a, d), (b, e)), crossing((b, e), (c, f))), crossing((c, f), (a, d)));
+        larger(corners, sides)
+    }
+
     /// Appends those of the things from number `first` on that may be the nearest of a point of the triangle. The
     /// squared distance of the nearest of its middle is `nearest`.
     #[inline(always)]
@@ -279,8 +305,8 @@ impl<T: Convex> Things<T> {
         let radius = larger(larger(a, b), c).sqrt();
         // Something farther than that from the middle is farther from any point of the triangle than the nearest is.
         let limit = (nearest.sqrt() + 2.0 * radius) * (1.0 + 1e-9);
-        for i in 0..self.from_middle.len() {
-            if self.from_middle[i] <= limit * limit {
+        for i in 0..self.distances.len() {
+            if self.distances[i][3] <= limit * limit {
                 let thing = self.list[first + i];
                 self.list.push(thing);
             }
