@@ -1,4 +1,5 @@
-//! Branch and bound over the quadtree of a tile's cells: the largest distance of a misdrawn point, within a per cent.
+//! Branch and bound over the quadtree of a tile's cells: the largest distance of a misdrawn point, within half a
+//! per cent.
 //!
 //! A node is a square of cells. It is skipped if all that lies in it is drawn as it should be, or if nothing in it can
 //! be farther from the outline than what is found already. Validity as drawn is linear along the way down: the centre
@@ -13,9 +14,9 @@ pub(super) const HAS_VOID: u8 = 2;
 /// Both.
 pub(super) const MIXED: u8 = HAS_VALID | HAS_VOID;
 
-/// How much larger than the truth a squared distance may end up, by the number of triangles looked at so far: one per
-/// cent in the distance at first, more where a pattern repeats itself all over a patch and nothing can be ruled out.
-const SLACK: [(u32, f64); 3] = [(500, 1.01 * 1.01), (2_000, 1.04 * 1.04), (u32::MAX, 1.15 * 1.15)];
+/// How much larger than the truth a squared distance may end up, by the number of triangles looked at so far: half a
+/// per cent in the distance at first, more where a pattern repeats itself all over a patch and nothing can be ruled out.
+const SLACK: [(u32, f64); 3] = [(500, 1.005 * 1.005), (2_000, 1.04 * 1.04), (u32::MAX, 1.15 * 1.15)];
 
 /// Lower and upper bound of the largest squared distance met so far, square metres.
 #[derive(Clone, Copy, Debug, Default)]
@@ -341,7 +342,8 @@ impl<C: Cells> Search<'_, C> {
         let quarters = ceilings[y * side + x];
         let (north, south) = (4 * y * side + 2 * x, (4 * y + 2) * side + 2 * x);
         let mut highest = [0.0_f32; 2];
-        for (at, Ceilings([shown, hidden])) in [north, north + 1, south, south + 1].into_iter().zip(quarters) {
+        for (at, Ceilings([shown, hidden])) in [north, north + 1, south, south + 1].into_iter().zip(quarters)
+        {
             let possible = |bit: u8, ceiling: f32| if bits[at] & bit != 0 { ceiling } else { 0.0 };
             highest[0] = highest[0].max(possible(HAS_VOID, shown));
             highest[1] = highest[1].max(possible(HAS_VALID, hidden));

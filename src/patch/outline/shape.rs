@@ -283,7 +283,13 @@ impl<T: Convex> Things<T> {
     #[inline(always)]
     fn below_two(&self, one: usize, near: [f64; LANES]) -> f64 {
         let Some(&[a, b, c, _]) = self.distances.get(one) else { return f64::INFINITY };
-        let corner = if a >= b && a >= c { 0 } else if b >= c { 1 } else { 2 };
+        let corner = if a >= b && a >= c {
+            0
+        } else if b >= c {
+            1
+        } else {
+            2
+        };
         let nearest = self.distances.iter().find(|squared| squared[corner] <= near[corner]);
         let Some(&[d, e, f, _]) = nearest else { return f64::INFINITY };
         // The lower one of two planes is highest at a corner, or on a side where they cross.
@@ -292,7 +298,8 @@ impl<T: Convex> Things<T> {
             if at_start * at_end < 0.0 { p + (r - p) * (at_start / (at_start - at_end)) } else { 0.0 }
         };
         let corners = larger(larger(smaller(a, d), smaller(b, e)), smaller(c, f));
-        let sides = larger(larger(crossing((a, d), (b, e)), crossing((b, e), (c, f))), crossing((c, f), (a, d)));
+        let sides =
+            larger(larger(crossing((a, d), (b, e)), crossing((b, e), (c, f))), crossing((c, f), (a, d)));
         larger(corners, sides)
     }
 

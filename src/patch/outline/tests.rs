@@ -1,7 +1,7 @@
 //! The bounds against brute force: dense points, each with its distance to every piece of the outline that matters.
 
 use super::*;
-use crate::sample::{FILLED, VOID};
+use crate::sample::{FILLED, VALID, VOID};
 use proptest::prelude::*;
 use std::path::PathBuf;
 
