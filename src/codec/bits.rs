@@ -57,7 +57,7 @@ pub fn write_plane(residuals: &[u32], k: u32, out: &mut Vec<u8>) {
     // Escapes are rare: look for them a block at a time.
     for (block, residuals) in residuals.chunks(64).enumerate() {
         let bytes = &out[start + 64 * block..][..residuals.len()];
-        if bytes.contains(&255) {
+        if bytes.iter().fold(0, |most, &byte| byte.max(most)) == 255 {
             residuals.iter().filter(|g| **g >> k >= 255).for_each(|g| write_leb128((g >> k) - 255, out));
         }
     }
@@ -174,37 +174,49 @@ pub fn choose_k(residuals: &[u32], histogram: &mut Vec<u32>) -> u32 {
     if all < 128 {
         return 0;
     }
-    // A quarter of the residuals tells the shape. Bins wide enough that one in 64 at most falls beyond the last.
-    let sample = || residuals.iter().step_by(if residuals.len() > 4096 { 4 } else { 1 });
+    // A quarter of the residuals tells the shape.
+    let step = if residuals.len() > 4096 { 4 } else { 1 };
+    let sample = || (0..residuals.len()).step_by(step).map(|at| residuals[at]);
+    let taken = residuals.len().div_ceil(step) as u32;
+    let coarse = if all < BINS as u32 { 0 } else { coarsest(sample(), taken) };
+    histogram.clear();
+    histogram.resize(BINS, 0);
+    let (mut escape_bits, bins) = (0.0, &mut histogram[..]);
+    sample().for_each(|g| match bins.get_mut((g >> coarse) as usize) {
+        Some(bin) => *bin += 1,
+        None => escape_bits += 8.0 + f64::from(32 - g.leading_zeros() - coarse) - 8.0,
+    });
+    // Most residuals are small: only the bins up to the last that is used count.
+    let mut used = histogram.iter().rposition(|&count| count > 0).map_or(0, |last| last + 1);
+    let mut best = (f64::INFINITY, 0);
+    for k in coarse..=MAX_RAW_BITS.min(coarse + 6) {
+        let bits = plane_bits(&histogram[..used.max(255)], f64::from(taken))
+            + f64::from(taken) * f64::from(k)
+            + escape_bits;
+        // Raw bits are stored as they are, the estimate of the others is a little low: not for nothing.
+        if bits < 0.995 * best.0 {
+            best = (bits, k);
+        }
+        let half = used.div_ceil(2);
+        for bin in 0..half {
+            histogram[bin] = histogram[2 * bin] + histogram[2 * bin + 1];
+        }
+        histogram[half..used].fill(0);
+        used = half;
+    }
+    best.1
+}
+
+/// Bits to leave away so that one in 64 of the `taken` residuals at most falls beyond the last bin.
+fn coarsest(sample: impl Iterator<Item = u32>, taken: u32) -> u32 {
     let mut lengths = [0_u32; 33];
-    sample().for_each(|g| lengths[(32 - g.leading_zeros()) as usize] += 1);
-    let taken: u32 = lengths.iter().sum();
+    sample.for_each(|g| lengths[(32 - g.leading_zeros()) as usize] += 1);
     let mut beyond = 0;
     let widest = lengths.iter().rposition(|&count| {
         beyond += count;
         beyond > taken / 64
     });
-    let coarse = (widest.unwrap_or(0) as u32).saturating_sub(BINS.ilog2());
-    histogram.clear();
-    histogram.resize(BINS, 0);
-    let mut escape_bits = 0.0;
-    sample().for_each(|g| match histogram.get_mut((g >> coarse) as usize) {
-        Some(bin) => *bin += 1,
-        None => escape_bits += 8.0 + f64::from(32 - g.leading_zeros() - coarse) - 8.0,
-    });
-    let mut best = (f64::INFINITY, 0);
-    for k in coarse..=MAX_RAW_BITS.min(coarse + 6) {
-        let bits = plane_bits(histogram, f64::from(taken)) + f64::from(taken) * f64::from(k) + escape_bits;
-        // Raw bits are stored as they are, the estimate of the others is a little low: not for nothing.
-        if bits < 0.995 * best.0 {
-            best = (bits, k);
-        }
-        for bin in 0..BINS / 2 {
-            histogram[bin] = histogram[2 * bin] + histogram[2 * bin + 1];
-        }
-        histogram[BINS / 2..].fill(0);
-    }
-    best.1
+    (widest.unwrap_or(0) as u32).saturating_sub(BINS.ilog2())
 }
 
 /// Bits of a byte plane: the entropy of its bytes and of its escapes, roughly.

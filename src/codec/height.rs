@@ -43,6 +43,7 @@ pub fn encode(
     };
     let narrow = is_narrow(codes, places);
     scratch.residuals.clear();
+    scratch.residuals.reserve(order::newborn_count(lattice.n, root));
     let (residuals, actual, states) = (&mut scratch.residuals, &mut scratch.row, &mut scratch.states);
     let mut coder =
         Encoder { codes, places, residuals, actual, states, weights: Weights::USUAL, choose: true };
