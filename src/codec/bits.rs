@@ -237,7 +237,13 @@ fn plane_bits(histogram: &[u32], taken: f64) -> f64 {
 
 /// Appends rows of 0 and 1 as bits, the lowest first.
 pub fn pack(bits: &[u8], out: &mut Vec<u8>) {
-    out.extend(bits.chunks(8).map(|bits| bits.iter().rev().fold(0, |byte, &bit| byte << 1 | bit)));
+    let (eights, rest) = bits.as_chunks::<8>();
+    // Each factor's bit lifts one of the eight to its place in the highest byte.
+    let byte = |bits| (u64::from_le_bytes(bits).wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8;
+    out.extend(eights.iter().map(|&bits| byte(bits)));
+    if !rest.is_empty() {
+        out.push(rest.iter().rev().fold(0, |byte, &bit| byte << 1 | bit));
+    }
 }
 
 /// The inverse of [`pack`]: `count` bits into `out`. Error if `bytes` are not just as many, or unused bits are set.

@@ -5,6 +5,7 @@ use crate::codec::order::{self, Row, Stage};
 use crate::codec::{Scratch, bits, frame, void};
 use crate::error::{Error, Result};
 use crate::sample::{Lattice, VALID, VOID};
+use crate::simd::{self, Kernel};
 
 /// Which kinds of samples a tile's own lattice has: flags bit 0 and 1 of its index entry.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -54,7 +55,7 @@ impl Validity {
         let Self { parents, centres, row, states } = self;
         parents.clear();
         for b in 0..=m {
-            stage.parents(b).gather(coder.state(), parents);
+            stage.parents(b).gather_states(coder.state(), parents);
         }
         for state in &mut *parents {
             *state = u8::from(*state == VALID);
@@ -85,9 +86,49 @@ impl Validity {
 }
 
 /// 1 where two of four neighbours are. Of the three at a border, half at least is two as well.
-fn majority(out: &mut [u8], [a, b, c, d]: [&[u8]; 4]) {
-    for ((((out, a), b), c), d) in out.iter_mut().zip(a).zip(b).zip(c).zip(d) {
-        *out = u8::from(a + b + c + d >= 2);
+fn majority(out: &mut [u8], of: [&[u8]; 4]) {
+    simd::run(Majority { of, out });
+}
+
+/// See [`majority`].
+struct Majority<'a> {
+    of: [&'a [u8]; 4],
+    out: &'a mut [u8],
+}
+
+impl Kernel for Majority<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let ([a, b, c, d], out) = (self.of, self.out);
+        let count = out.len();
+        let (a, b, c, d) = (&a[..count], &b[..count], &c[..count], &d[..count]);
+        for i in 0..count {
+            out[i] = u8::from(a[i] + b[i] + c[i] + d[i] >= 2);
+        }
+    }
+}
+
+/// Puts validity in the place of predictions, and says where they were wrong.
+struct Correct<'a> {
+    valid: &'a mut [u8],
+    states: &'a [u8],
+    bits: &'a mut [u8],
+}
+
+impl Kernel for Correct<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { valid, states, bits } = self;
+        let (states, bits) = (&states[..valid.len()], &mut bits[..valid.len()]);
+        for i in 0..valid.len() {
+            let actual = u8::from(states[i] == VALID);
+            bits[i] = valid[i] ^ actual;
+            valid[i] = actual;
+        }
     }
 }
 
@@ -104,13 +145,10 @@ impl Coder for Encoder<'_> {
 
     fn code_row(&mut self, row: Row, valid: &mut [u8], states: &mut Vec<u8>) {
         states.clear();
-        row.gather(self.state, states);
-        self.bits.extend(valid.iter_mut().zip(states.iter()).map(|(valid, &state)| {
-            let actual = u8::from(state == VALID);
-            let bit = *valid ^ actual;
-            *valid = actual;
-            bit
-        }));
+        row.gather_states(self.state, states);
+        let start = self.bits.len();
+        self.bits.resize(start + valid.len(), 0);
+        simd::run(Correct { valid, states, bits: &mut self.bits[start..] });
     }
 }
 

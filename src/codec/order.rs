@@ -1,5 +1,7 @@
 //! The order of newborn samples: the rows of C, H and V, stage by stage (`format-spec.md`, section 7).
 
+use crate::simd::{self, Kernel};
+
 /// Samples of a lattice that stand in one line, evenly spaced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Row {
@@ -33,13 +35,26 @@ impl Row {
     }
 
     /// Appends the row's samples of `plane`: faster than [`Row::of`] where it counts, in every second sample.
-    pub fn gather<T: Copy>(self, plane: &[T], out: &mut Vec<T>) {
+    pub fn gather(self, plane: &[i32], out: &mut Vec<i32>) {
         if self.step == 2 {
             let (pairs, last) = plane[self.first..self.end()].as_chunks::<2>();
             out.extend(pairs.iter().map(|pair| pair[0]));
             out.extend_from_slice(last);
         } else {
             out.extend(self.of(plane));
+        }
+    }
+
+    /// [`Row::gather`] of states: bytes are not fast unless asked for.
+    pub fn gather_states(self, state: &[u8], out: &mut Vec<u8>) {
+        if self.step == 2 {
+            let (pairs, last) = state[self.first..self.end()].as_chunks::<2>();
+            let start = out.len();
+            out.resize(start + pairs.len(), 0);
+            simd::run(Firsts { pairs, out: &mut out[start..] });
+            out.extend(last.first());
+        } else {
+            out.extend(self.of(state));
         }
     }
 
@@ -55,6 +70,24 @@ impl Row {
             }
         } else {
             self.of_mut(plane).zip(samples).for_each(|(place, &sample)| *place = sample);
+        }
+    }
+}
+
+/// The first of each pair.
+struct Firsts<'a> {
+    pairs: &'a [[u8; 2]],
+    out: &'a mut [u8],
+}
+
+impl Kernel for Firsts<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let (pairs, out) = (&self.pairs[..self.out.len()], self.out);
+        for i in 0..out.len() {
+            out[i] = pairs[i][0];
         }
     }
 }

@@ -98,7 +98,7 @@ impl Buffers {
         if places.has_void {
             self.states.clear();
             for b in 0..=stage.m {
-                stage.parents(b).gather(places.state, &mut self.states);
+                stage.parents(b).gather_states(places.state, &mut self.states);
             }
             self.valid.clear();
             self.valid.extend(self.states.iter().map(|&state| state == VALID));
@@ -267,7 +267,7 @@ impl Coder for Encoder<'_> {
         let residuals = &mut self.residuals[start..];
         if self.places.has_void {
             self.states.clear();
-            row.gather(self.places.state, self.states);
+            row.gather_states(self.places.state, self.states);
             simd::run(SubtractValid { codes, actual: self.actual, states: self.states, residuals });
         } else {
             simd::run(Subtract { codes, actual: self.actual, residuals });
@@ -342,7 +342,7 @@ impl Coder for Decoder<'_> {
         self.used += row.count;
         if self.places.has_void {
             self.states.clear();
-            row.gather(self.places.state, self.states);
+            row.gather_states(self.places.state, self.states);
             simd::run(AddValid { codes, residuals, states: self.states });
         } else {
             simd::run(Add { codes, residuals });
