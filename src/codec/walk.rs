@@ -58,7 +58,6 @@ struct Buffers {
     row: Vec<i32>,
     parents: Vec<i32>,
     states: Vec<u8>,
-    valid: Vec<bool>,
 }
 
 impl Walk {
@@ -100,9 +99,7 @@ impl Buffers {
             for b in 0..=stage.m {
                 stage.parents(b).gather_states(places.state, &mut self.states);
             }
-            self.valid.clear();
-            self.valid.extend(self.states.iter().map(|&state| state == VALID));
-            void::replace(&mut self.parents, &self.valid, stage.m);
+            void::replace(&mut self.parents, &self.states, stage.m);
         }
     }
 }
@@ -291,24 +288,22 @@ impl Coder for Encoder<'_> {
 
     fn fill(&mut self, stage: Stage) {
         let state = self.places.state;
-        let (width, mut near) = (self.places.n + 1, Vec::new());
         let mut start = self.residuals.len() - stage.newborn_count();
         for row in stage.newborn() {
             let residuals = &mut self.residuals[start..start + row.count];
             start += row.count;
-            if void::all_valid(&state[row.first..row.end()]) {
+            let states = &state[row.first..row.end()];
+            if void::all_valid(states) {
                 continue;
             }
-            let y = row.first / width;
-            void::near_valid(state, width, y, stage.half(), &mut near);
-            for (residual, at) in residuals.iter_mut().zip(row.indices()) {
-                if state[at] == FILLED
-                    && near[at - y * width]
+            void::each_place(states, FILLED, |place| {
+                let at = row.first + place;
+                if place % row.step == 0
                     && let Some(median) = void::lower_median(self.codes, state, stage, at)
                 {
-                    *residual = bits::zigzag(self.codes[at].wrapping_sub(median));
+                    residuals[place / row.step] = bits::zigzag(self.codes[at].wrapping_sub(median));
                 }
-            }
+            });
         }
     }
 }
