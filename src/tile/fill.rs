@@ -5,7 +5,9 @@
 //! coarser level only one spacing is new, T, and only the four corners are born that coarse. What a
 //! tile looks at never reaches farther than its eight neighbours.
 
+use crate::codec::void;
 use crate::sample::{FILLED, Lattice, VALID, VOID};
+use crate::simd::{self, Kernel};
 
 /// A tile's lattice amid its eight neighbours, `[row][column]`, the tile itself at `[1][1]`. All of one size.
 pub struct Neighbourhood<'a>(pub [[Option<&'a Lattice>; 3]; 3]);
@@ -13,24 +15,56 @@ pub struct Neighbourhood<'a>(pub [[Option<&'a Lattice>; 3]; 3]);
 /// A fill to be written: index in the lattice, code, low.
 pub type Fill = (usize, i32, u32);
 
+/// Finds the void samples of a row that have a valid one around them: most in a large void have none.
+struct NearValid<'a> {
+    row: &'a [u8],
+    /// See [`Neighbourhood::rows`].
+    around: [[&'a [u8]; 3]; 3],
+    /// `VOID` throughout, as many as a row of those three parts has.
+    best: &'a mut [u8],
+    /// Set to 1 for each of those samples, to 0 for others.
+    open: &'a mut [u8],
+}
+
+impl Kernel for NearValid<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { row, around, best, open } = self;
+        let count = row.len();
+        let spacing = (best.len() - count) / 2;
+        for [west, own, east] in around {
+            greatest(&mut best[..spacing], west);
+            greatest(&mut best[spacing..spacing + count], own);
+            greatest(&mut best[spacing + count..], east);
+        }
+        let (west, own, east) = (&best[..count], &best[spacing..][..count], &best[2 * spacing..][..count]);
+        let open = &mut open[..count];
+        for x in 0..count {
+            let valid = west[x].max(own[x]).max(east[x]) == VALID;
+            open[x] = u8::from((row[x] == VOID) & valid);
+        }
+    }
+}
+
+/// Raises `best` to `states`, of which `VALID` is the greatest, where there are any.
+#[inline(always)]
+fn greatest(best: &mut [u8], states: &[u8]) {
+    let count = best.len().min(states.len());
+    let (best, states) = (&mut best[..count], &states[..count]);
+    for x in 0..count {
+        best[x] = best[x].max(states[x]);
+    }
+}
+
 impl Neighbourhood<'_> {
     /// State, code and low at `(x, y)`, each -n..=2n from the tile's own north-west corner.
     fn sample(&self, n: usize, x: isize, y: isize) -> (u8, i32, u32) {
-        let size = n as isize;
-        // Column 0..=n belongs to the tile itself; its own samples win over the neighbours' copies.
-        let place = |v: isize| {
-            if v < 0 {
-                (0, v + size)
-            } else if v <= size {
-                (1, v)
-            } else {
-                (2, v - size)
-            }
-        };
-        let ((tx, i), (ty, j)) = (place(x), place(y));
+        let ((tx, i), (ty, j)) = (place(n, x), place(n, y));
         match self.0[ty][tx] {
             Some(lattice) => {
-                let at = lattice.at(i as usize, j as usize);
+                let at = lattice.at(i, j);
                 (lattice.state[at], lattice.code[at], lattice.low_at(at))
             }
             None => (VOID, 0, 0),
@@ -42,32 +76,57 @@ impl Neighbourhood<'_> {
     pub fn fills(&self, from: usize, to: usize) -> Vec<Fill> {
         let mut fills = Vec::new();
         let Some(tile) = self.0[1][1] else { return fills };
-        if !tile.state.contains(&VOID) {
+        if void::all_valid(&tile.state) {
             return fills;
         }
-        let mut open: Vec<bool> = tile.state.iter().map(|&state| state == VOID).collect();
-        self.adopt(tile, &mut open, &mut fills);
-        let mut waiting = waiting(tile, &open, from);
+        let mut state = tile.state.clone();
+        self.adopt(tile, &mut state, &mut fills);
+        let (mut best, mut open) = (Vec::new(), Vec::new());
         let mut spacing = from;
-        while spacing <= to && !waiting.is_empty() {
-            waiting.retain(|&(x, y)| {
-                let median = self.median(tile, x, y, spacing);
-                fills.extend(median.map(|(code, low)| (tile.at(x, y), code, low)));
-                // The next spacing looks at every second column and row.
-                median.is_none() && (x | y) & spacing == 0
-            });
+        while spacing <= to {
+            // Only samples whose column and row are multiples of a spacing are settled by it.
+            for (y, row) in state.chunks_exact_mut(tile.n + 1).enumerate().step_by(spacing) {
+                if row.iter().fold(VALID, |least, &state| state.min(least)) != VOID {
+                    continue;
+                }
+                best.clear();
+                best.resize(tile.n + 1 + 2 * spacing, VOID);
+                open.resize(tile.n + 1, 0);
+                let around = self.rows(tile.n, y, spacing);
+                simd::run(NearValid { row, around, best: &mut best, open: &mut open });
+                void::each_place(&open, 1, |x| {
+                    if x % spacing == 0
+                        && let Some((code, low)) = self.median(tile, x, y, spacing)
+                    {
+                        fills.push((tile.at(x, y), code, low));
+                        row[x] = FILLED;
+                    }
+                });
+            }
             spacing *= 2;
         }
         fills
     }
 
+    /// States of row `y` and the rows `spacing` away: in the tile, `spacing` samples to the west of it and as many to the
+    /// east; empty where there is no tile.
+    fn rows(&self, n: usize, y: usize, spacing: usize) -> [[&[u8]; 3]; 3] {
+        [-1, 0, 1].map(|step| {
+            let (ty, j) = place(n, y as isize + step * spacing as isize);
+            let part = |tx: usize, first: usize, count: usize| {
+                self.0[ty][tx].map_or(&[][..], |lattice| &lattice.state[lattice.at(first, j)..][..count])
+            };
+            [part(0, n - spacing, spacing), part(1, 0, n + 1), part(2, 1, spacing)]
+        })
+    }
+
     /// Border samples whose fill a neighbouring tile has from its own children.
-    fn adopt(&self, tile: &Lattice, open: &mut [bool], fills: &mut Vec<Fill>) {
+    fn adopt(&self, tile: &Lattice, state: &mut [u8], fills: &mut Vec<Fill>) {
         let n = tile.n;
         let border = (0..=n).flat_map(|i| [(i, 0), (i, n), (0, i), (n, i)]);
         for (x, y) in border {
             let index = tile.at(x, y);
-            if !open[index] {
+            if state[index] != VOID {
                 continue;
             }
             for (ty, row) in self.0.iter().enumerate() {
@@ -77,8 +136,8 @@ impl Neighbourhood<'_> {
                         continue;
                     };
                     let at = other.at(i, j);
-                    if open[index] && other.state[at] == FILLED {
-                        open[index] = false;
+                    if state[index] == VOID && other.state[at] == FILLED {
+                        state[index] = FILLED;
                         fills.push((index, other.code[at], other.low_at(at)));
                     }
                 }
@@ -89,7 +148,7 @@ impl Neighbourhood<'_> {
     /// Lower median of the valid samples among the eight at distance `spacing`.
     fn median(&self, tile: &Lattice, x: usize, y: usize, spacing: usize) -> Option<(i32, u32)> {
         let inside = |v: usize| v >= spacing && v + spacing <= tile.n;
-        let mut found = [(0, 0); 8];
+        let mut near = [(i32::MAX, u32::MAX); 8];
         let mut count = 0;
         if inside(x) && inside(y) {
             let (at, down) = (tile.at(x, y), spacing * (tile.n + 1));
@@ -103,42 +162,38 @@ impl Neighbourhood<'_> {
                 at + down,
                 at + down + spacing,
             ];
-            // Most void samples of a large void have none.
-            for at in around {
+            for (near, at) in near.iter_mut().zip(around) {
                 if tile.state[at] == VALID {
-                    found[count] = (tile.code[at], tile.low_at(at));
+                    *near = (tile.code[at], tile.low_at(at));
                     count += 1;
                 }
             }
         } else {
             let (s, x, y) = (spacing as isize, x as isize, y as isize);
-            for (dx, dy) in [(-s, -s), (0, -s), (s, -s), (-s, 0), (s, 0), (-s, s), (0, s), (s, s)] {
+            let around = [(-s, -s), (0, -s), (s, -s), (-s, 0), (s, 0), (-s, s), (0, s), (s, s)];
+            for (near, (dx, dy)) in near.iter_mut().zip(around) {
                 let (state, code, low) = self.sample(tile.n, x + dx, y + dy);
                 if state == VALID {
-                    found[count] = (code, low);
+                    *near = (code, low);
                     count += 1;
                 }
             }
         }
-        let found = &mut found[..count];
-        found.sort_unstable();
-        found.get(count.checked_sub(1)? / 2).copied()
+        // As one number each, of the same order: those are quicker to sort.
+        let near = near.map(|(code, low)| i64::from(code) << 32 | i64::from(low));
+        let median = void::median_of(near, count)?;
+        Some(((median >> 32) as i32, median as u32))
     }
 }
 
-/// Column and row of the open samples in every `spacing`-th column and row, row by row.
-fn waiting(tile: &Lattice, open: &[bool], spacing: usize) -> Vec<(usize, usize)> {
-    let mut waiting = Vec::new();
-    for (y, row) in open.chunks_exact(tile.n + 1).enumerate().step_by(spacing) {
-        // Few rows have any, and few parts of them.
-        for (first, part) in (0..).step_by(64).zip(row.chunks(64)) {
-            if part.contains(&true) {
-                let open = (first..).zip(part).filter(|(x, open)| **open && x % spacing == 0);
-                waiting.extend(open.map(|(x, _)| (x, y)));
-            }
-        }
+/// Number of the tile that has column or row `v`, -n..=2n from the own tile's first (0 before, 1 the own, 2 after), and
+/// which of its columns or rows that is. Those on the own tile's border are taken from there, not from the neighbours' copies.
+fn place(n: usize, v: isize) -> (usize, usize) {
+    match usize::try_from(v) {
+        Ok(v) if v <= n => (1, v),
+        Ok(v) => (2, v - n),
+        Err(_) => (0, n - v.unsigned_abs()),
     }
-    waiting
 }
 
 /// Coordinate of a border sample in the tile at offset `tile` (0 before, 1 same, 2 after); `None` if that tile does not have it.
@@ -158,6 +213,81 @@ pub fn apply(lattice: &mut Lattice, fills: &[Fill]) {
         lattice.state[index] = FILLED;
         if let Some(to) = lattice.low.get_mut(index) {
             *to = low;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::Coding;
+
+    /// Tiles of `n` intervals cut from one lattice of `3 n`, in which `valid` of 100 samples are valid.
+    fn tiles(n: usize, valid: usize, coding: Coding, seed: &mut u32) -> [[Lattice; 3]; 3] {
+        let mut random = |below: usize| {
+            *seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (*seed >> 16) as usize % below
+        };
+        let mut whole = Lattice::new(3 * n, coding);
+        for at in 0..whole.code.len() {
+            whole.code[at] = random(7) as i32 - 3;
+            whole.state[at] = if random(100) < valid { VALID } else { VOID };
+        }
+        whole.low.iter_mut().for_each(|low| *low = random(3) as u32);
+        [0, 1, 2].map(|ty| {
+            [0, 1, 2].map(|tx| {
+                let mut tile = Lattice::new(n, coding);
+                for (at, from) in (0..tile.code.len()).map(|at| (at, (at % (n + 1), at / (n + 1)))) {
+                    let from = whole.at(tx * n + from.0, ty * n + from.1);
+                    (tile.code[at], tile.state[at]) = (whole.code[from], whole.state[from]);
+                    if coding.has_low() {
+                        tile.low[at] = whole.low[from];
+                    }
+                }
+                tile
+            })
+        })
+    }
+
+    /// The fill of a sample, sample by sample.
+    fn expected(around: &Neighbourhood, n: usize, x: usize, y: usize, to: usize) -> Option<(i32, u32)> {
+        let spacings = (0..).map(|t| 1 << t).take_while(|s| *s <= to && x % s == 0 && y % s == 0);
+        spacings.into_iter().find_map(|s| {
+            let mut found = Vec::new();
+            for (dx, dy) in (0..9).map(|i| (i % 3 - 1, i / 3 - 1)) {
+                let (x, y) = (x as isize + dx * s as isize, y as isize + dy * s as isize);
+                let (state, code, low) = around.sample(n, x, y);
+                found.extend((state == VALID).then_some((code, low)));
+            }
+            found.sort_unstable();
+            found.get(found.len().checked_sub(1)? / 2).copied()
+        })
+    }
+
+    #[test]
+    fn fills_are_those_found_sample_by_sample() {
+        let mut seed = 1;
+        for (n, coding) in
+            [(2, Coding::Float64), (8, Coding::Float64), (32, Coding::Float32), (64, Coding::Float32)]
+        {
+            for (valid, missing) in [(0, 0), (1, 0), (3, 0x1A5), (10, 0x0E7), (50, 0), (97, 0x040), (100, 0)]
+            {
+                let tiles = tiles(n, valid, coding, &mut seed);
+                let there = |tx: usize, ty: usize| missing >> (3 * ty + tx) & 1 == 0 || (tx, ty) == (1, 1);
+                let around = [0, 1, 2].map(|ty| [0, 1, 2].map(|tx| there(tx, ty).then_some(&tiles[ty][tx])));
+                let around = Neighbourhood(around);
+                let mut want: Vec<Fill> = (0..(n + 1) * (n + 1))
+                    .filter(|&at| tiles[1][1].state[at] == VOID)
+                    .filter_map(|at| {
+                        let (code, low) = expected(&around, n, at % (n + 1), at / (n + 1), n)?;
+                        Some((at, code, low))
+                    })
+                    .collect();
+                let mut got = around.fills(1, n);
+                want.sort_unstable();
+                got.sort_unstable();
+                assert_eq!(got, want, "{n}, {valid} of 100");
+            }
         }
     }
 }
