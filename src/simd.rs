@@ -18,7 +18,7 @@ pub trait Kernel {
 #[inline]
 pub fn run<K: Kernel>(kernel: K) -> K::Output {
     #[cfg(target_arch = "x86_64")]
-    if has_avx2() {
+    if *HAS_AVX2 {
         // SAFETY: the processor has all of the features that `with_avx2` is compiled for.
         #[expect(unsafe_code, reason = "the one call into code compiled for a newer processor")]
         return unsafe { with_avx2(kernel) };
@@ -26,15 +26,15 @@ pub fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run()
 }
 
+/// Asked once: small kernels are run very often.
 #[cfg(target_arch = "x86_64")]
-#[inline]
-fn has_avx2() -> bool {
+static HAS_AVX2: std::sync::LazyLock<bool> = std::sync::LazyLock::new(|| {
     is_x86_feature_detected!("avx2")
         && is_x86_feature_detected!("bmi1")
         && is_x86_feature_detected!("bmi2")
         && is_x86_feature_detected!("lzcnt")
         && is_x86_feature_detected!("popcnt")
-}
+});
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]

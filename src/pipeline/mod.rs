@@ -6,6 +6,7 @@
 //! does any number of pieces: a build works on a window of the lattice, by default all of it, and what it cannot finish at its sides
 //! it leaves for a merge. To be resumed is to be merged with what was finished before.
 
+mod buffers;
 mod bytes;
 mod checkpoint;
 pub mod imagery;

@@ -9,9 +9,9 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use crate::codec::Scratch;
 use crate::container::writer::ContainerWriter;
 use crate::error::Result;
+use crate::pipeline::buffers::Buffers;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::quarter::Quarter;
 use crate::pipeline::reach::Reach;
@@ -96,6 +96,8 @@ pub struct Sweep<'a> {
     levels: Vec<Level>,
     writer: ContainerWriter,
     tally: Tally,
+    /// Buffers that no thread is using.
+    buffers: Buffers,
     /// Finished tiles that are written and counted while the next row is worked on.
     unwritten: Vec<Finished>,
     /// What others left for this sweep.
@@ -126,7 +128,18 @@ impl<'a> Sweep<'a> {
         seam: SeamFile,
     ) -> Self {
         let levels = (0..=plan.levels).map(|_| Level::default()).collect();
-        Self { plan, reach, levels, writer, tally, unwritten: Vec::new(), earlier, seam, passed: 0 }
+        Self {
+            plan,
+            reach,
+            levels,
+            writer,
+            tally,
+            buffers: Buffers::default(),
+            unwritten: Vec::new(),
+            earlier,
+            seam,
+            passed: 0,
+        }
     }
 
     /// The next row of leaf tiles.
@@ -228,17 +241,21 @@ impl<'a> Sweep<'a> {
         let columns = self.reach.finished(level).columns.clone();
         let north = self.levels[usize::from(level)].north.as_ref();
         let fills = plan.fills(level, north, row, south, &columns);
+        let buffers = &self.buffers;
         let work = || -> Vec<Option<Result<(Finished, Quarter)>>> {
             row.slots
                 .par_iter_mut()
                 .zip(fills)
-                .map_init(Scratch::default, |scratch, ((x, slot), fills)| match slot {
-                    Slot::Work(work) if columns.contains(x) => {
-                        fill::apply(&mut work.lattice, &fills);
-                        Some(work.finish(TileId::new(level, *x, y), plan, scratch))
-                    }
-                    _ => None,
-                })
+                .map_init(
+                    || buffers.lend(),
+                    |lent, ((x, slot), fills)| match slot {
+                        Slot::Work(work) if columns.contains(x) => {
+                            fill::apply(&mut work.lattice, &fills);
+                            Some(work.finish(TileId::new(level, *x, y), plan, &mut lent.scratch))
+                        }
+                        _ => None,
+                    },
+                )
                 .collect()
         };
         let unwritten = std::mem::take(&mut self.unwritten);

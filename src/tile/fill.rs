@@ -251,7 +251,8 @@ mod tests {
 
     /// The fill of a sample, sample by sample.
     fn expected(around: &Neighbourhood, n: usize, x: usize, y: usize, to: usize) -> Option<(i32, u32)> {
-        let spacings = (0..).map(|t| 1 << t).take_while(|s| *s <= to && x % s == 0 && y % s == 0);
+        let spacings =
+            (0..).map(|t| 1 << t).take_while(|s| *s <= to && x.is_multiple_of(*s) && y.is_multiple_of(*s));
         spacings.into_iter().find_map(|s| {
             let mut found = Vec::new();
             for (dx, dy) in (0..9).map(|i| (i % 3 - 1, i / 3 - 1)) {
