@@ -41,18 +41,18 @@ impl Cell {
     /// The planes of the two triangles through the corner values (north-west, north-east, south-west, south-east): first the one that holds
     /// the north-east corner (falling) or the north-west one (rising).
     ///
-    /// Dividing by the power of two `s` is exact.
+    /// The scale is a power of two, and multiplying by it is exact.
     pub fn planes(self, [a, b, c, d]: [f64; 4]) -> [Plane; 2] {
-        let s = self.s as f64;
+        let scale = 1.0 / self.s as f64;
         if self.falling {
             [
-                Plane { at: a, dx: (b - a) / s, dy: (d - b) / s },
-                Plane { at: a, dx: (d - c) / s, dy: (c - a) / s },
+                Plane { at: a, dx: (b - a) * scale, dy: (d - b) * scale },
+                Plane { at: a, dx: (d - c) * scale, dy: (c - a) * scale },
             ]
         } else {
             [
-                Plane { at: a, dx: (b - a) / s, dy: (c - a) / s },
-                Plane { at: b + c - d, dx: (d - c) / s, dy: (d - b) / s },
+                Plane { at: a, dx: (b - a) * scale, dy: (c - a) * scale },
+                Plane { at: b + c - d, dx: (d - c) * scale, dy: (d - b) * scale },
             ]
         }
     }
