@@ -105,11 +105,16 @@ impl Blocks {
 /// Which patches of `patch` blocks on a side have a valid sample in or below them, row by row; `state` is that of `n x n` blocks.
 pub fn occupied(state: &[u8], n: usize, patch: usize) -> Vec<bool> {
     let side = n / patch;
-    let mut out = vec![false; side * side];
-    for (y, row) in state.chunks_exact(n).enumerate() {
-        for (x, run) in row.chunks_exact(patch).enumerate() {
-            out[y / patch * side + x] |= run.iter().fold(0, |bits, b| bits | b) & HAS_VALID != 0;
+    let mut out = Vec::with_capacity(side * side);
+    // Rows of a patch are joined first: these are long enough for vectors.
+    let mut joined = vec![0; n];
+    for rows in state.chunks_exact(n * patch) {
+        joined.fill(0);
+        for row in rows.chunks_exact(n) {
+            joined.iter_mut().zip(row).for_each(|(joined, bits)| *joined |= bits);
         }
+        let valid = |run: &[u8]| run.iter().fold(0, |bits, b| bits | b) & HAS_VALID != 0;
+        out.extend(joined.chunks_exact(patch).map(valid));
     }
     out
 }
@@ -179,7 +184,7 @@ impl Kernel for LeafBlocks<'_> {
             add_threes(&mut min, &low, &mut joined, i32::min);
             add_threes(&mut max, &high, &mut joined, i32::max);
         }
-        let state = reduce_state(&unit, n);
+        let state = quartered(&unit, n, |a, b| a | b);
         (unit, Blocks { n: half, min, max, state })
     }
 }
@@ -263,7 +268,21 @@ fn quartered<T: Copy + Default>(square: &[T], n: usize, join: impl Fn(T, T) -> T
 
 /// Occupancy of blocks twice as large, as [`Blocks::state`]; `n` is the number of blocks on a side before.
 pub fn reduce_state(state: &[u8], n: usize) -> Vec<u8> {
-    quartered(state, n, |a, b| a | b)
+    simd::run(Reduced { state, n })
+}
+
+struct Reduced<'a> {
+    state: &'a [u8],
+    n: usize,
+}
+
+impl Kernel for Reduced<'_> {
+    type Output = Vec<u8>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<u8> {
+        quartered(self.state, self.n, |a, b| a | b)
+    }
 }
 
 #[cfg(test)]

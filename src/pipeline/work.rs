@@ -156,8 +156,9 @@ fn census(lattice: &Lattice, range: Range, id: TileId, plan: &Plan) -> Census {
     let last = (1_u32 << id.level) - 1;
     let (columns, rows) = (lattice.n + usize::from(id.x == last), lattice.n + usize::from(id.y == last));
     let row = |y: usize| &lattice.state[lattice.at(0, y)..lattice.at(0, y) + columns];
-    let count = |row: &[u8]| row.iter().map(|&state| u32::from(state == VALID)).sum::<u32>();
-    let valid = (0..rows).map(|y| u64::from(count(row(y)))).sum();
+    // No more at a time than a byte can count.
+    let count = |run: &[u8]| u64::from(run.iter().map(|&state| u8::from(state == VALID)).sum::<u8>());
+    let valid = (0..rows).flat_map(|y| row(y).chunks(usize::from(u8::MAX))).map(count).sum();
     Census { valid, range_m: (range.low <= range.high).then(|| range.metres(plan)) }
 }
 
