@@ -2,8 +2,9 @@
 
 use crate::patch::blocks::{HAS_VALID, HAS_VOID};
 use crate::patch::cell::{Cell, Plane, Vertex, shown_difference};
-use crate::patch::holed::{Holed, Place};
+use crate::patch::holed::Holed;
 use crate::patch::number::Number;
+use crate::patch::squares::Place;
 use crate::sample::VALID;
 
 impl<N: Number> Holed<'_, N> {
@@ -24,7 +25,7 @@ impl<N: Number> Holed<'_, N> {
     pub fn clipped_triangle(&self, place: Place, triangle: usize, planes: &[[Plane; 2]; 2]) -> f64 {
         let cell = place.cell;
         let corners = self.corners(place);
-        if cell.corners(triangle).iter().all(|&i| self.class[corners[i]] != VALID) {
+        if cell.corners(triangle).iter().all(|&i| self.state[corners[i]] != VALID) {
             return 0.0;
         }
         let planes = (planes[0][triangle], planes[1][triangle]);
@@ -54,7 +55,7 @@ impl<N: Number> Holed<'_, N> {
             for x in columns {
                 let index = self.at(place.x + x, place.y + y);
                 let (i, j) = (x as f64, y as f64);
-                if self.class[index] == VALID && validity.value(i, j) >= 0.5 {
+                if self.state[index] == VALID && validity.value(i, j) >= 0.5 {
                     worst = worst.max((self.z[index].wide() - height.value(i, j)).abs());
                 }
             }

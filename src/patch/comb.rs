@@ -35,6 +35,18 @@ impl<N: Number> SmallCells<N> {
         &mut self.worst[s.trailing_zeros() as usize - 1][at]
     }
 
+    /// All of a size, row by row, as other numbers.
+    pub fn plain<T>(&self, s: usize, number: impl Fn(N) -> T) -> Vec<T> {
+        let worst = &self.worst[s.trailing_zeros() as usize - 1];
+        let bits = TEETH.trailing_zeros() - s.trailing_zeros();
+        let cells = (worst.len() / self.lanes) >> bits;
+        let mut out = Vec::with_capacity(cells * cells);
+        for row in worst.chunks_exact(self.lanes << bits) {
+            out.extend((0..cells).map(|x| number(row[(x & ((1 << bits) - 1)) * self.lanes + (x >> bits)])));
+        }
+        out
+    }
+
     /// Largest of rows `rows` of cells of size `s`, for each 16 columns of the tile.
     pub fn columns(&self, s: usize, rows: std::ops::Range<usize>, out: &mut Vec<N>) {
         let per_row = TEETH / s * self.lanes;

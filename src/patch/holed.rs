@@ -13,12 +13,12 @@
 use crate::patch::blocks::{HAS_VALID, HAS_VOID};
 use crate::patch::cell::{Cell, Plane, Vertex};
 use crate::patch::number::Number;
-use crate::patch::rows::{HoledCell, LANES, NEAR, narrow_cell};
+use crate::patch::rows::narrow_cell;
+use crate::patch::squares::{Place, SIDE, Squares};
 use crate::sample::VALID;
-use crate::simd::{self, Kernel};
 
 /// Both bits: an outline may run through the unit cell.
-const MIXED: u8 = HAS_VALID | HAS_VOID;
+pub const MIXED: u8 = HAS_VALID | HAS_VOID;
 
 /// A tile with voids.
 pub struct Holed<'a, N> {
@@ -32,51 +32,8 @@ pub struct Holed<'a, N> {
     pub exact: bool,
     /// More than rounding can make of a height difference, if they are not.
     pub margin: f64,
-    /// [`VALID`], [`NEAR`] or [`FAR`](crate::patch::rows::FAR) for every sample.
-    pub class: Vec<u8>,
-}
-
-/// Classes of the samples of a tile: void ones apart by whether one of their eight neighbours is valid.
-pub fn classes(state: &[u8], n: usize) -> Vec<u8> {
-    simd::run(Classes { state, n })
-}
-
-struct Classes<'a> {
-    state: &'a [u8],
-    n: usize,
-}
-
-impl Kernel for Classes<'_> {
-    type Output = Vec<u8>;
-
-    #[inline(always)]
-    fn run(self) -> Vec<u8> {
-        let stride = self.n + 1;
-        let row = |y: usize| &self.state[y * stride..(y + 1) * stride];
-        let mut class = Vec::with_capacity(self.state.len());
-        // 1 where one of three rows is valid; a column more on either side.
-        let mut any = vec![0; stride + 2];
-        for y in 0..stride {
-            let (north, own, south) = (row(y.saturating_sub(1)), row(y), row((y + 1).min(self.n)));
-            for ((any, &a), (&b, &c)) in any[1..].iter_mut().zip(north).zip(own.iter().zip(south)) {
-                *any = u8::from(a == VALID) | u8::from(b == VALID) | u8::from(c == VALID);
-            }
-            let near = any.iter().zip(&any[1..]).zip(&any[2..]).map(|((a, b), c)| (a | b | c) * NEAR);
-            class.extend(own.iter().zip(near).map(|(&own, near)| if own == VALID { VALID } else { near }));
-        }
-        class
-    }
-}
-
-/// A cell in its tile: column and row of its north-west corner.
-#[derive(Clone, Copy)]
-pub struct Place {
-    /// The cell.
-    pub cell: Cell,
-    /// Column.
-    pub x: usize,
-    /// Row.
-    pub y: usize,
+    /// States of the samples.
+    pub state: &'a [u8],
 }
 
 impl<N: Number> Holed<'_, N> {
@@ -90,50 +47,37 @@ impl<N: Number> Holed<'_, N> {
     }
 
     pub(super) fn validity(&self, index: usize) -> f64 {
-        f64::from(u8::from(self.class[index] == VALID))
+        f64::from(u8::from(self.state[index] == VALID))
     }
 
     /// The larger one of `worst` and of the largest `|z - D|` over a cell where both surfaces are shown.
     ///
     /// `bound` is at least `|z - D|` at all samples of the cell, shown or not.
-    pub fn cell(&self, place: Place, bound: f64, worst: f64) -> f64 {
+    pub fn cell(&self, squares: &mut Squares<N>, place: Place, bound: f64, worst: f64) -> f64 {
         if bound + self.margin <= worst {
             return worst;
         }
-        let valid = self.corners(place).map(|i| self.class[i] == VALID);
+        let valid = self.corners(place).map(|i| self.state[i] == VALID);
         if valid == [false; 4] {
             return worst;
         }
         let mixed = valid != [true; 4];
-        if place.cell.s < LANES {
+        if place.cell.s < SIDE {
             return if self.exact { self.small(place, worst) } else { self.clipped(place, mixed, worst) };
         }
-        let [valid, near] = self.samples(place, mixed);
-        if valid.max(near) + self.margin <= worst {
+        let [valid, void] = squares.holed(place, mixed, worst);
+        if self.exact {
+            return worst.max(valid);
+        }
+        if valid.max(void) + self.margin <= worst {
             return worst;
         }
-        if !self.exact {
-            // Without a drawn outline the samples have been measured.
-            if mixed {
-                return self.clipped(place, mixed, worst);
-            }
-            let worst = worst.max(valid);
-            return if near + self.margin <= worst { worst } else { self.outlined(place, worst) };
+        // Without a drawn outline the samples have been measured.
+        if mixed {
+            return self.clipped(place, mixed, worst);
         }
         let worst = worst.max(valid);
-        if near <= worst { worst } else { self.edges(place, worst) }
-    }
-
-    /// Largest `|z - D|` over valid samples and over the void ones next to them, where the drawn surface is shown.
-    fn samples(&self, place: Place, mixed: bool) -> [f64; 2] {
-        let from = self.at(place.x, place.y);
-        let (z, class, stride, cell) = (&self.z[from..], &self.class[from..], self.n + 1, place.cell);
-        let worst = if mixed {
-            simd::run(HoledCell::<_, true> { z, class, stride, cell })
-        } else {
-            simd::run(HoledCell::<_, false> { z, class, stride, cell })
-        };
-        worst.map(|worst| worst.wide() / cell.s as f64)
+        if void + self.margin <= worst { worst } else { self.outlined(place, worst) }
     }
 
     /// The two surfaces that a cell is drawn with: heights and validity.
@@ -202,7 +146,7 @@ impl<N: Number> Holed<'_, N> {
                 let index = self.at(place.x + x, place.y + y);
                 let (i, j) = (x as f64, y as f64);
                 let triangle = cell.triangle(i, j);
-                if self.class[index] == VALID && validity[triangle].value(i, j) >= 0.5 {
+                if self.state[index] == VALID && validity[triangle].value(i, j) >= 0.5 {
                     worst = worst.max((self.z[index].wide() - heights[triangle].value(i, j)).abs());
                 }
             }
@@ -211,7 +155,7 @@ impl<N: Number> Holed<'_, N> {
         if s == 2 {
             for triangle in 0..2 {
                 // The outline around the corner at the right angle, or around the other two, crosses a fine edge.
-                let [a, right, b] = right_angle(cell, triangle).map(|i| self.class[self.corners(place)[i]]);
+                let [a, right, b] = right_angle(cell, triangle).map(|i| self.state[self.corners(place)[i]]);
                 if (a == VALID) == (b == VALID) && (a == VALID) != (right == VALID) {
                     worst = worst.max(self.clipped_triangle(place, triangle, &[heights, validity]));
                 }
@@ -225,7 +169,7 @@ impl<N: Number> Holed<'_, N> {
         let mut worst = worst;
         if !mixed {
             let from = self.at(place.x, place.y);
-            let samples = narrow_cell(&self.z[from..], &self.class[from..], self.n + 1, place.cell);
+            let samples = narrow_cell(&self.z[from..], &self.state[from..], self.n + 1, place.cell);
             return self.outlined(place, worst.max(samples.wide() / place.cell.s as f64));
         }
         let planes = self.planes(place);

@@ -20,6 +20,7 @@ mod number;
 pub mod outline;
 pub mod paper;
 mod rows;
+mod squares;
 
 use crate::geo::Spacing;
 

@@ -16,6 +16,8 @@ pub trait Number: Copy + PartialOrd {
     fn whole(number: i32) -> Self;
     /// As f64, which is exact.
     fn wide(self) -> f64;
+    /// Of an f64 that is such a number.
+    fn narrow(wide: f64) -> Self;
 
     /// Maximum of two.
     #[inline(always)]
@@ -56,6 +58,11 @@ impl Number for i32 {
     fn wide(self) -> f64 {
         f64::from(self)
     }
+
+    #[inline(always)]
+    fn narrow(wide: f64) -> Self {
+        wide as i32
+    }
 }
 
 impl Number for f64 {
@@ -89,5 +96,10 @@ impl Number for f64 {
     #[inline(always)]
     fn wide(self) -> f64 {
         self
+    }
+
+    #[inline(always)]
+    fn narrow(wide: f64) -> Self {
+        wide
     }
 }
