@@ -9,8 +9,6 @@ use crate::simd::Kernel;
 
 /// Columns that are combed apart.
 pub const TEETH: usize = 16;
-/// Lanes that are worked on together.
-const LANES: usize = 8;
 /// Rows of a band: cells of 8 intervals with both borders.
 const ROWS: usize = 9;
 
@@ -62,156 +60,153 @@ impl<N: Number> SmallCells<N> {
 }
 
 /// Measures the small cells of a tile of `n >= 16` intervals, whose cell 0 of each small size has a falling diagonal. Voids
-/// count as any other sample.
-pub struct Comb<'a, N> {
+/// count as any other sample. `L` lanes are worked on together.
+pub struct Comb<'a, N, T, F: Fn(N) -> T, const L: usize> {
     /// Heights, `(n + 1)^2`.
     pub z: &'a [N],
     /// Intervals on a side.
     pub n: usize,
+    /// A height in the numbers that are added.
+    pub lane: F,
 }
 
-impl<N: Number> Kernel for Comb<'_, N> {
-    type Output = SmallCells<N>;
+impl<N: Copy, T: Number, F: Fn(N) -> T, const L: usize> Kernel for Comb<'_, N, T, F, L> {
+    type Output = SmallCells<T>;
 
     #[inline(always)]
-    fn run(self) -> SmallCells<N> {
+    fn run(self) -> SmallCells<T> {
         let n = self.n;
-        let lanes = (n / TEETH).next_multiple_of(LANES);
-        let worst = SmallCells::<N>::SIZES.map(|s| vec![N::ZERO; n / s * (TEETH / s) * lanes]);
+        let lanes = (n / TEETH).next_multiple_of(L);
+        let worst = SmallCells::<T>::SIZES.map(|s| vec![T::ZERO; n / s * (TEETH / s) * lanes]);
         let mut out = SmallCells { lanes, worst };
-        let mut band = Band { teeth: vec![N::ZERO; ROWS * (TEETH + 1) * lanes], lanes };
-        let row = |y: usize| &self.z[y * (n + 1)..(y + 1) * (n + 1)];
-        band.comb(ROWS - 1, row(0));
-        for y in (0..n).step_by(ROWS - 1) {
-            band.next();
-            for i in 1..ROWS {
-                band.comb(i, row(y + i));
+        for first in (0..lanes).step_by(L) {
+            let mut band = Band { rows: [[[T::ZERO; L]; TEETH + 1]; ROWS], lanes, first };
+            let row = |y: usize| &self.z[y * (n + 1) + first * TEETH..(y + 1) * (n + 1)];
+            comb(&mut band.rows[ROWS - 1], row(0), &self.lane);
+            for y in (0..n).step_by(ROWS - 1) {
+                // The last row becomes the first.
+                band.rows[0] = band.rows[ROWS - 1];
+                for (teeth, y) in band.rows[1..].iter_mut().zip(y + 1..) {
+                    comb(teeth, row(y), &self.lane);
+                }
+                let [two, four, eight] = &mut out.worst;
+                band.pairs(y / 2, two);
+                band.cells::<4>(y / 4, four);
+                band.cells::<8>(y / 8, eight);
             }
-            let [two, four, eight] = &mut out.worst;
-            band.pairs(y / 2, two);
-            band.cells::<4>(y / 4, four);
-            band.cells::<8>(y / 8, eight);
         }
         out
     }
 }
 
-/// Combed rows: tooth after tooth, row after row.
-struct Band<N> {
-    teeth: Vec<N>,
+/// The teeth of a row, lane by lane.
+type Teeth<T, const L: usize> = [[T; L]; TEETH + 1];
+
+/// Combs a row of samples. Tooth 16 is tooth 0 of the next lane.
+#[inline(always)]
+fn comb<N: Copy, T, const L: usize>(teeth: &mut Teeth<T, L>, row: &[N], number: &impl Fn(N) -> T) {
+    for (lane, run) in (0..L).zip(row.windows(TEETH + 1).step_by(TEETH)) {
+        for (tooth, &z) in teeth.iter_mut().zip(run) {
+            tooth[lane] = number(z);
+        }
+    }
+}
+
+/// Combed rows.
+struct Band<T, const L: usize> {
+    rows: [Teeth<T, L>; ROWS],
+    /// Lanes of a row of the tile.
     lanes: usize,
+    /// The first of these.
+    first: usize,
 }
 
-impl<N: Number> Band<N> {
-    /// The last row becomes the first.
+impl<T: Number, const L: usize> Band<T, L> {
+    /// Where the cells go that are `place` within 16 columns, `cells` of them.
     #[inline(always)]
-    fn next(&mut self) {
-        let row = (TEETH + 1) * self.lanes;
-        self.teeth.copy_within((ROWS - 1) * row.., 0);
-    }
-
-    /// Combs a row of samples. Tooth 16 is tooth 0 of the next lane.
-    #[inline(always)]
-    fn comb(&mut self, y: usize, row: &[N]) {
-        let lanes = self.lanes;
-        let teeth = &mut self.teeth[y * (TEETH + 1) * lanes..(y + 1) * (TEETH + 1) * lanes];
-        for (lane, run) in row.windows(TEETH + 1).step_by(TEETH).enumerate() {
-            for (tooth, &z) in run.iter().enumerate() {
-                teeth[tooth * lanes + lane] = z;
-            }
-        }
-    }
-
-    /// Eight lanes of a tooth of a row.
-    #[inline(always)]
-    fn load(&self, y: usize, tooth: usize, lane: usize) -> [N; LANES] {
-        let from = (y * (TEETH + 1) + tooth) * self.lanes + lane;
-        let mut out = [N::ZERO; LANES];
-        out.copy_from_slice(&self.teeth[from..from + LANES]);
-        out
+    fn put(&self, worst: &mut [T], (row, place, cells): (usize, usize, usize), most: [T; L]) {
+        let to = (row * cells + place) * self.lanes + self.first;
+        worst[to..to + L].copy_from_slice(&most);
     }
 
     /// Cells of two intervals, the first of them in row `row`: only five dropped vertices can differ.
     #[inline(always)]
-    fn pairs(&self, row: usize, worst: &mut [N]) {
-        let cells = TEETH / 2;
-        for r in 0..4 {
-            for h in 0..cells {
-                for lane in (0..self.lanes).step_by(LANES) {
-                    let at = |x: usize, y: usize| self.load(2 * r + y, 2 * h + x, lane);
-                    let diagonal =
-                        if (r + h).is_multiple_of(2) { [at(0, 0), at(2, 2)] } else { [at(2, 0), at(0, 2)] };
-                    let middles = [
-                        (at(1, 0), at(0, 0), at(2, 0)),
-                        (at(0, 1), at(0, 0), at(0, 2)),
-                        (at(2, 1), at(2, 0), at(2, 2)),
-                        (at(1, 2), at(0, 2), at(2, 2)),
-                        (at(1, 1), diagonal[0], diagonal[1]),
-                    ];
-                    let to = ((row + r) * cells + h) * self.lanes + lane;
-                    let out = &mut worst[to..to + LANES];
-                    for i in 0..LANES {
-                        let off = |(c, a, b): &([N; LANES], [N; LANES], [N; LANES])| {
-                            c[i].scaled(1).minus(a[i]).minus(b[i]).magnitude()
-                        };
-                        out[i] = middles.iter().map(off).fold(N::ZERO, N::larger);
+    fn pairs(&self, row: usize, worst: &mut [T]) {
+        for (r, rows) in self.rows.windows(3).step_by(2).enumerate() {
+            for place in 0..TEETH / 2 {
+                let at = |x: usize, y: usize| &rows[y][2 * place + x];
+                let falling = (r + place).is_multiple_of(2);
+                let diagonal = if falling { [at(0, 0), at(2, 2)] } else { [at(2, 0), at(0, 2)] };
+                let middles = [
+                    (at(1, 0), at(0, 0), at(2, 0)),
+                    (at(0, 1), at(0, 0), at(0, 2)),
+                    (at(2, 1), at(2, 0), at(2, 2)),
+                    (at(1, 2), at(0, 2), at(2, 2)),
+                    (at(1, 1), diagonal[0], diagonal[1]),
+                ];
+                let mut most = [T::ZERO; L];
+                for (c, a, b) in middles {
+                    for i in 0..L {
+                        most[i] = most[i].larger(c[i].scaled(1).minus(a[i]).minus(b[i]).magnitude());
                     }
                 }
+                self.put(worst, (row + r, place, TEETH / 2), most);
             }
         }
     }
 
     /// Cells of `S` intervals, the first of them in row `row`.
     #[inline(always)]
-    fn cells<const S: usize>(&self, row: usize, worst: &mut [N]) {
-        let cells = TEETH / S;
-        for r in 0..8 / S {
-            for h in 0..cells {
-                for lane in (0..self.lanes).step_by(LANES) {
-                    let most = self.cell::<S>(S * r, S * h, lane, (row + r + h).is_multiple_of(2));
-                    let to = ((row + r) * cells + h) * self.lanes + lane;
-                    worst[to..to + LANES].copy_from_slice(&most);
-                }
+    fn cells<const S: usize>(&self, row: usize, worst: &mut [T]) {
+        for (r, rows) in self.rows.windows(S + 1).step_by(S).enumerate() {
+            for place in 0..TEETH / S {
+                let most = if (row + r + place).is_multiple_of(2) {
+                    cell::<T, S, L, true>(rows, S * place)
+                } else {
+                    cell::<T, S, L, false>(rows, S * place)
+                };
+                self.put(worst, (row + r, place, TEETH / S), most);
             }
         }
     }
+}
 
-    /// Eight cells of `S` intervals from row `y` and tooth `x` on.
-    #[inline(always)]
-    fn cell<const S: usize>(&self, y: usize, x: usize, lane: usize, falling: bool) -> [N; LANES] {
-        let bits = S.trailing_zeros();
-        let corner = |u: usize, v: usize| self.load(y + v, x + u, lane);
-        let (a, b, c, d) = (corner(0, 0), corner(S, 0), corner(0, S), corner(S, S));
-        // Multiples 0..=S of the slope along a row and of the bend; the longest cell has nine.
-        let (mut across, mut bend) = ([[N::ZERO; LANES]; ROWS], [[N::ZERO; LANES]; ROWS]);
-        let (mut down, mut base, mut worst) = ([N::ZERO; LANES], [N::ZERO; LANES], [N::ZERO; LANES]);
-        for i in 0..LANES {
-            base[i] = a[i].scaled(bits);
-            down[i] = if falling { d[i].minus(b[i]) } else { c[i].minus(a[i]) };
-            let k = if falling {
-                b[i].plus(c[i]).minus(a[i]).minus(d[i])
-            } else {
-                a[i].plus(d[i]).minus(b[i]).minus(c[i])
-            };
-            for m in 0..S {
-                across[m + 1][i] = across[m][i].plus(b[i].minus(a[i]));
-                bend[m + 1][i] = bend[m][i].plus(k);
-            }
+/// Cells of `S` intervals from tooth `x` on, between the first and the last of these rows.
+#[inline(always)]
+fn cell<T: Number, const S: usize, const L: usize, const FALLING: bool>(
+    rows: &[Teeth<T, L>],
+    x: usize,
+) -> [T; L] {
+    let bits = S.trailing_zeros();
+    let (a, b, c, d) = (&rows[0][x], &rows[0][x + S], &rows[S][x], &rows[S][x + S]);
+    // Multiples 0..=S of the slope along a row and of the bend; the longest cell has nine.
+    let (mut across, mut bend) = ([[T::ZERO; L]; ROWS], [[T::ZERO; L]; ROWS]);
+    let (mut down, mut base, mut worst) = ([T::ZERO; L], [T::ZERO; L], [T::ZERO; L]);
+    for i in 0..L {
+        base[i] = a[i].scaled(bits);
+        down[i] = if FALLING { d[i].minus(b[i]) } else { c[i].minus(a[i]) };
+        let k = if FALLING {
+            b[i].plus(c[i]).minus(a[i]).minus(d[i])
+        } else {
+            a[i].plus(d[i]).minus(b[i]).minus(c[i])
+        };
+        for m in 0..S {
+            across[m + 1][i] = across[m][i].plus(b[i].minus(a[i]));
+            bend[m + 1][i] = bend[m][i].plus(k);
         }
-        for v in 0..=S {
-            for u in 0..=S {
-                let z = self.load(y + v, x + u, lane);
-                let beyond = if falling { v.saturating_sub(u) } else { (u + v).saturating_sub(S) };
-                let (across, bend) = (&across[u], &bend[beyond]);
-                for i in 0..LANES {
-                    let difference = z[i].scaled(bits).minus(base[i]).minus(across[i]).minus(bend[i]);
-                    worst[i] = worst[i].larger(difference.magnitude());
-                }
-            }
-            for i in 0..LANES {
-                base[i] = base[i].plus(down[i]);
-            }
-        }
-        worst
     }
+    for (v, row) in rows.iter().enumerate().take(S + 1) {
+        for (u, z) in row[x..=x + S].iter().enumerate().take(S + 1) {
+            let beyond = if FALLING { v.saturating_sub(u) } else { (u + v).saturating_sub(S) };
+            let (across, bend) = (&across[u], &bend[beyond]);
+            for i in 0..L {
+                let difference = z[i].scaled(bits).minus(base[i]).minus(across[i]).minus(bend[i]);
+                worst[i] = worst[i].larger(difference.magnitude());
+            }
+        }
+        for i in 0..L {
+            base[i] = base[i].plus(down[i]);
+        }
+    }
+    worst
 }

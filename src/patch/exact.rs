@@ -28,12 +28,16 @@ pub fn leaf(
     let exact = matches!(coding, Coding::Integer { .. });
     let (state, n) = (&lattice.state, geometry.n);
     let mut steps = match &heights {
+        Heights::Short(z) => {
+            let small = simd::run(Comb::<_, _, _, 16> { z, n, lane: |z| z as i16 });
+            sizes(Tile::new(z, state, unit, exact, slack, geometry), small)
+        }
         Heights::Narrow(z) => {
-            let small = simd::run(Comb { z, n });
+            let small = simd::run(Comb::<_, _, _, 8> { z, n, lane: |z| z });
             sizes(Tile::new(z, state, unit, exact, slack, geometry), small)
         }
         Heights::Wide(z) => {
-            let small = simd::run(Comb { z, n });
+            let small = simd::run(Comb::<_, _, _, 8> { z, n, lane: |z| z });
             sizes(Tile::new(z, state, unit, exact, slack, geometry), small)
         }
     };

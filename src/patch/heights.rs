@@ -2,18 +2,83 @@
 
 use std::borrow::Cow;
 
-use crate::sample::{Coding, Lattice, f32_from_code};
+use crate::sample::{Coding, Lattice, VOID, f32_from_code};
+use crate::simd::{self, Kernel};
 
 /// Heights of a lattice.
 pub enum Heights<'a> {
     /// Integer codes, less the lowest one if they are large; their range is small enough for 32-bit arithmetic.
     Narrow(Cow<'a, [i32]>),
+    /// The same, and differences of the smallest cells even fit 16 bits.
+    Short(Cow<'a, [i32]>),
     /// Codes or values.
     Wide(Vec<f64>),
 }
 
 /// Up to this range no partial sum of `s (z - D)`, `s <= 2^10`, leaves 32 bits: its terms add up to at most 12 s ranges.
 const NARROW_RANGE: i64 = 1 << 17;
+
+/// Up to this range `s (z - D)`, `s <= 8`, fits 16 bits.
+const SHORT_RANGE: i64 = i16::MAX as i64 / 8;
+
+/// Lowest and highest of codes. No early end: this way the compiler makes vectors of it.
+struct Extremes<'a>(&'a [i32]);
+
+impl Kernel for Extremes<'_> {
+    type Output = (i32, i32);
+
+    #[inline(always)]
+    fn run(self) -> (i32, i32) {
+        self.0.iter().fold((i32::MAX, i32::MIN), |(low, high), &code| (low.min(code), high.max(code)))
+    }
+}
+
+/// Lowest and highest of the codes that mean something; 0 if there are none.
+struct KnownExtremes<'a>(&'a Lattice);
+
+impl Kernel for KnownExtremes<'_> {
+    type Output = (i32, i32);
+
+    #[inline(always)]
+    fn run(self) -> (i32, i32) {
+        let Lattice { code, state, .. } = self.0;
+        // Lanes of their own: the compiler makes no vectors of the plain loop.
+        let (mut low, mut high) = ([i32::MAX; 8], [i32::MIN; 8]);
+        let (codes, states) = (code.chunks_exact(8), state.chunks_exact(8));
+        take_known(&mut low, &mut high, codes.remainder(), states.remainder());
+        for (code, state) in codes.zip(states) {
+            take_known(&mut low, &mut high, code, state);
+        }
+        let low = low.into_iter().fold(i32::MAX, i32::min);
+        let high = high.into_iter().fold(i32::MIN, i32::max);
+        if low > high { (0, 0) } else { (low, high) }
+    }
+}
+
+/// Takes in up to eight codes, each in its lane.
+#[inline(always)]
+fn take_known(low: &mut [i32; 8], high: &mut [i32; 8], code: &[i32], state: &[u8]) {
+    for ((low, high), (&code, &state)) in low.iter_mut().zip(high).zip(code.iter().zip(state)) {
+        *low = (*low).min(if state == VOID { i32::MAX } else { code });
+        *high = (*high).max(if state == VOID { i32::MIN } else { code });
+    }
+}
+
+/// Codes moved into a range, less its lowest.
+struct Clamped<'a> {
+    codes: &'a [i32],
+    low: i32,
+    high: i32,
+}
+
+impl Kernel for Clamped<'_> {
+    type Output = Vec<i32>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<i32> {
+        self.codes.iter().map(|&code| code.max(self.low).min(self.high).wrapping_sub(self.low)).collect()
+    }
+}
 
 impl<'a> Heights<'a> {
     /// Heights of a tile. Void samples without a fill are whatever they are: no shown triangle has them.
@@ -31,16 +96,22 @@ impl<'a> Heights<'a> {
 
     fn of_codes(lattice: &'a Lattice) -> Self {
         let codes = &lattice.code;
-        let near = |code: &i32| i64::from(code.unsigned_abs()) < NARROW_RANGE / 2;
-        // No early end: this way the compiler makes vectors of it.
-        if codes.iter().fold(true, |all, code| all & near(code)) {
+        let range = |low: i32, high: i32| i64::from(high) - i64::from(low);
+        let (low, high) = simd::run(Extremes(codes));
+        let near = i64::from(low) > -NARROW_RANGE / 2 && i64::from(high) < NARROW_RANGE / 2;
+        if near && range(low, high) <= SHORT_RANGE {
+            return Self::Short(Cow::Borrowed(codes));
+        }
+        let (low, high) = simd::run(KnownExtremes(lattice));
+        let clamped = || Cow::Owned(simd::run(Clamped { codes, low, high }));
+        if range(low, high) <= SHORT_RANGE {
+            return Self::Short(clamped());
+        }
+        if near {
             return Self::Narrow(Cow::Borrowed(codes));
         }
-        let known = || codes.iter().zip(&lattice.state).filter(|(_, state)| **state != 0).map(|(&c, _)| c);
-        let low = known().min().unwrap_or(0);
-        let high = known().max().unwrap_or(0);
-        if i64::from(high) - i64::from(low) < NARROW_RANGE {
-            return Self::Narrow(codes.iter().map(|&c| c.clamp(low, high) - low).collect());
+        if range(low, high) < NARROW_RANGE {
+            return Self::Narrow(clamped());
         }
         Self::Wide(codes.iter().map(|&c| f64::from(c)).collect())
     }
@@ -48,7 +119,7 @@ impl<'a> Heights<'a> {
     /// What rounding in f64 may have lost: 0 for integers, whose arithmetic is exact.
     pub fn slack(&self, coding: Coding) -> f64 {
         match (self, coding) {
-            (_, Coding::Integer { .. }) | (Self::Narrow(_), _) => 0.0,
+            (_, Coding::Integer { .. }) | (Self::Narrow(_) | Self::Short(_), _) => 0.0,
             (Self::Wide(z), _) => z.iter().fold(0.0, |a: f64, v| a.max(v.abs())) * (0.5_f64).powi(49),
         }
     }

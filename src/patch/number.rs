@@ -1,6 +1,7 @@
-//! The two kinds of numbers that heights are compared in.
+//! The kinds of numbers that heights are compared in.
 
-/// Numbers that rows are compared in: `i32` where the range of a tile allows it, `f64` elsewhere.
+/// Numbers that rows are compared in: `i32` where the range of a tile allows it, `f64` elsewhere; for the smallest cells `i16` where
+/// that is enough.
 pub trait Number: Copy + PartialOrd {
     /// Nothing.
     const ZERO: Self;
@@ -23,6 +24,46 @@ pub trait Number: Copy + PartialOrd {
     #[inline(always)]
     fn larger(self, other: Self) -> Self {
         if other > self { other } else { self }
+    }
+}
+
+/// Sums wrap: a result is right if it is small enough, whatever its terms are.
+impl Number for i16 {
+    const ZERO: Self = 0;
+
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        self.wrapping_add(other)
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        self.wrapping_sub(other)
+    }
+
+    #[inline(always)]
+    fn scaled(self, bits: u32) -> Self {
+        self << bits
+    }
+
+    #[inline(always)]
+    fn magnitude(self) -> Self {
+        self.wrapping_abs()
+    }
+
+    #[inline(always)]
+    fn whole(number: i32) -> Self {
+        number as i16
+    }
+
+    #[inline(always)]
+    fn wide(self) -> f64 {
+        f64::from(self)
+    }
+
+    #[inline(always)]
+    fn narrow(wide: f64) -> Self {
+        wide as i16
     }
 }
 

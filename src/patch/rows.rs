@@ -103,7 +103,7 @@ mod tests {
             let n = 16;
             let z: Vec<f64> = seed.iter().map(|v| v.0).collect();
             let valid = vec![VALID; z.len()];
-            let mut small = simd::run(Comb { z: &z, n });
+            let mut small = simd::run(Comb::<_, _, _, 8> { z: &z, n, lane: |z| z });
             for s in SmallCells::<f64>::SIZES {
                 for (column, row) in (0..n / s * (n / s)).map(|i| (i % (n / s), i / (n / s))) {
                     let cell = Cell { s, falling: (column + row).is_multiple_of(2) };
