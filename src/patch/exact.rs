@@ -53,7 +53,6 @@ pub fn leaf(
 struct Tile<'a, N> {
     z: &'a [N],
     state: &'a [u8],
-    exact: bool,
     /// More than rounding can make of a height difference, if sums are not exact.
     margin: f64,
     geometry: &'a TileGeometry,
@@ -75,7 +74,7 @@ impl<'a, N: Number> Tile<'a, N> {
         // The sums of a size of 2^10 may lose a thousand times as much as one operation.
         let margin = slack * 1024.0;
         let holed = (!full).then_some(Holed { z, unit, n, exact, margin, state });
-        Self { z, state, exact, margin, geometry, holed }
+        Self { z, state, margin, geometry, holed }
     }
 
     fn place(&self, s: usize, column: usize, row: usize) -> Place {
@@ -119,13 +118,8 @@ fn sizes<N: Number, M: Number>(tile: Tile<'_, N>, mut small: SmallCells<M>) -> V
     }
     let state = |s: usize| states.get(s.trailing_zeros() as usize).map_or(&[][..], Vec::as_slice);
     let lattice = (tile.z, tile.state, n);
-    let mut squares = Squares::new(
-        lattice,
-        tile.exact,
-        4.0 * tile.margin,
-        small.plain(SIDE, |e| N::narrow(e.wide())),
-        state(SIDE),
-    );
+    let mut squares =
+        Squares::new(lattice, 4.0 * tile.margin, small.plain(SIDE, |e| N::narrow(e.wide())), state(SIDE));
     let mut errors = vec![vec![0.0; geometry.patches() * geometry.patches()]];
     for s in (1..=n.trailing_zeros()).map(|bits| 1 << bits) {
         let mut grid = Grid::new(s, geometry);

@@ -65,11 +65,11 @@ impl<N: Number> Holed<'_, N> {
         if place.cell.s < SIDE {
             return if self.exact { self.small(place, worst) } else { self.clipped(place, mixed, worst) };
         }
-        let [valid, void] = squares.holed(place, mixed, worst);
+        let [valid, middle] = squares.holed(place, mixed, worst);
         if self.exact {
-            return worst.max(valid);
+            return worst.max(valid).max(middle);
         }
-        if valid.max(void) + self.margin <= worst {
+        if valid.max(middle) + self.margin <= worst {
             return worst;
         }
         // Without a drawn outline the samples have been measured.
@@ -77,7 +77,7 @@ impl<N: Number> Holed<'_, N> {
             return self.clipped(place, mixed, worst);
         }
         let worst = worst.max(valid);
-        if void + self.margin <= worst { worst } else { self.outlined(place, worst) }
+        if middle + self.margin <= worst { worst } else { self.outlined(place, worst) }
     }
 
     /// The two surfaces that a cell is drawn with: heights and validity.

@@ -113,7 +113,7 @@ mod tests {
                 }
             }
             let eights = small.plain(8, |e| e);
-            let mut squares = Squares::new((&z, &valid, n), false, 1e-6, eights.clone(), &[]);
+            let mut squares = Squares::new((&z, &valid, n), 1e-6, eights.clone(), &[]);
             for (at, eight) in eights.iter().enumerate() {
                 let cell = Cell { s: 8, falling: at == 0 || at == 3 };
                 let place = Place { cell, x: at % 2 * 8, y: at / 2 * 8 };
@@ -126,7 +126,7 @@ mod tests {
             let place = Place { cell: Cell { s: 16, falling }, x: 0, y: 0 };
             let most = |state: &[u8]| plain_sums(&z, state, place.cell) / 16.0;
             prop_assert_eq!(squares.whole(place, 0.0), most(&valid));
-            let mut squares = Squares::new((&z, &state, n), false, 1e-6, eights, &[3; 4]);
+            let mut squares = Squares::new((&z, &state, n), 1e-6, eights, &[3; 4]);
             prop_assert_eq!(squares.holed(place, false, 0.0)[0], most(&state));
         }
     }

@@ -36,8 +36,6 @@ pub struct Squares<'a, N> {
     /// States of the samples.
     state: &'a [u8],
     n: usize,
-    /// True if sums are exact.
-    exact: bool,
     /// More than rounding can make of a bound, if they are not.
     margin: f64,
     /// Errors of the squares, times 8.
@@ -56,14 +54,13 @@ impl<'a, N: Number> Squares<'a, N> {
     /// A tile of `n` intervals; `errors` are those of its squares as if all samples were valid.
     pub fn new(
         (z, state, n): (&'a [N], &'a [u8], usize),
-        exact: bool,
         margin: f64,
         errors: Vec<N>,
         occupancy: &'a [u8],
     ) -> Self {
         let corners = vec![N::ZERO; (n / SIDE + 1).pow(2)];
         let sums = || Sums::new(n);
-        Self { z, state, n, exact, margin, errors, occupancy, heights: sums(), shown: sums(), corners }
+        Self { z, state, n, margin, errors, occupancy, heights: sums(), shown: sums(), corners }
     }
 
     /// Largest `|z - D|` of a cell without voids, if that is more than `worst`; else anything that is not.
@@ -74,8 +71,7 @@ impl<'a, N: Number> Squares<'a, N> {
 
     /// The same of a cell with voids, where both surfaces are shown; with `MIXED` some of its corners are void.
     ///
-    /// If sums are exact: at valid samples, and in the middles of edges from a valid to a void one. If not: at valid samples,
-    /// and at void ones that share a square with a valid one.
+    /// At valid samples, and in the middles of edges from a valid to a void one.
     pub fn holed(&mut self, place: Place, mixed: bool, worst: f64) -> [f64; 2] {
         if mixed { self.run::<true, true>(place, worst) } else { self.run::<true, false>(place, worst) }
     }
@@ -150,7 +146,7 @@ impl<'a, N: Number> Squares<'a, N> {
         let shown = if MIXED { &self.shown } else { &self.heights };
         let shown = [shown.window(u, v), shown.window(u + 1, v)];
         let half = N::whole((s / 2) as i32);
-        let (mut worst, mut other) = ([N::ZERO; SIDE], [N::ZERO; SIDE]);
+        let (mut worst, mut middles) = ([N::ZERO; SIDE], [N::ZERO; SIDE]);
         let mut north = [Row { differences: [N::ZERO; SIDE], kind: [HIDDEN; SIDE] }; 2];
         for r in 0..ROWS {
             let at = from + r * (self.n + 1);
@@ -165,18 +161,12 @@ impl<'a, N: Number> Squares<'a, N> {
                 }
             }
             for row in &south {
-                row.samples(SHOWN_VALID, &mut worst);
+                row.valid_samples(&mut worst);
             }
-            if self.exact {
-                edges(&north, &south, r, &mut worst);
-            } else {
-                for row in &south {
-                    row.samples(SHOWN_VOID, &mut other);
-                }
-            }
+            edges(&north, &south, r, &mut middles);
             north = south;
         }
-        [worst.into_iter().fold(N::ZERO, N::larger), other.into_iter().fold(N::ZERO, N::larger)]
+        [worst.into_iter().fold(N::ZERO, N::larger), middles.into_iter().fold(N::ZERO, N::larger)]
     }
 }
 
@@ -213,12 +203,12 @@ impl<N: Number> Row<N> {
         }
     }
 
-    /// Takes in twice the differences of one kind of samples.
+    /// Takes in twice the differences of the valid samples.
     #[inline(always)]
-    fn samples(&self, kind: i32, worst: &mut Lanes<N>) {
+    fn valid_samples(&self, worst: &mut Lanes<N>) {
         for (lane, worst) in worst.iter_mut().enumerate() {
             let twice = self.differences[lane].scaled(1).magnitude();
-            *worst = worst.larger(if self.kind[lane] == kind { twice } else { N::ZERO });
+            *worst = worst.larger(if self.kind[lane] == SHOWN_VALID { twice } else { N::ZERO });
         }
     }
 
@@ -401,7 +391,7 @@ impl<N: Number, const VOIDS: bool, const MIXED: bool> Kernel for Measure<'_, '_,
             squares.shown.set(&Drawn::new(cell, ends.map(valid)));
         }
         let mut worst = squares.measure_corners::<VOIDS, MIXED>(place).scaled(1);
-        let mut other = N::ZERO;
+        let mut middles = N::ZERO;
         let (side, across) = (s / SIDE, squares.n / SIDE);
         let bits_more = squares.heights.bits - SIDE.trailing_zeros();
         for row in 0..side {
@@ -413,7 +403,7 @@ impl<N: Number, const VOIDS: bool, const MIXED: bool> Kernel for Measure<'_, '_,
                 let corner = north[0].larger(north[1]).larger(south[0].larger(south[1]));
                 let bound = corner.plus(own.scaled(bits_more)).scaled(1).plus(self.margin);
                 // What is not a number bounds nothing.
-                if bound <= self.worst.larger(worst) {
+                if bound <= self.worst.larger(worst).larger(middles) {
                     continue;
                 }
                 let bits = if VOIDS { squares.occupancy[first + column] } else { HAS_VALID };
@@ -423,8 +413,8 @@ impl<N: Number, const VOIDS: bool, const MIXED: bool> Kernel for Measure<'_, '_,
                 }
                 let from = squares.at(x + u, y + v);
                 if VOIDS && (MIXED || bits != HAS_VALID) {
-                    let [valid, void] = squares.holed_square::<MIXED>(from, s, u, v);
-                    (worst, other) = (worst.larger(valid), other.larger(void));
+                    let [valid, middle] = squares.holed_square::<MIXED>(from, s, u, v);
+                    (worst, middles) = (worst.larger(valid), middles.larger(middle));
                     continue;
                 }
                 worst = worst.larger(squares.whole_square(from, u, v).scaled(1));
@@ -434,6 +424,6 @@ impl<N: Number, const VOIDS: bool, const MIXED: bool> Kernel for Measure<'_, '_,
                 }
             }
         }
-        [worst, other]
+        [worst, middles]
     }
 }
