@@ -10,12 +10,13 @@ use crate::patch::comb::{Comb, SmallCells, TEETH};
 use crate::patch::heights::Heights;
 use crate::patch::holed::{Holed, MIXED};
 use crate::patch::number::Number;
-use crate::patch::squares::{Place, SIDE, Squares};
+use crate::patch::squares::{Place, Squares};
+use crate::patch::sums::SIDE;
 use crate::patch::{TileGeometry, make_monotone};
 use crate::sample::{Coding, Lattice};
 use crate::simd;
 
-/// Vertical errors in metres of all cells of 1, 2, 4 .. T intervals of a leaf tile: `[step][patch]` up to the patch size,
+/// Vertical errors in metres of all cells of 1, 2, 4 .. T intervals of a leaf tile of at least 16: `[step][patch]` up to the patch size,
 /// then one square of cells for each larger size.
 pub fn leaf(
     lattice: &Lattice,

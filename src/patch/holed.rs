@@ -14,7 +14,8 @@ use crate::patch::blocks::{HAS_VALID, HAS_VOID};
 use crate::patch::cell::{Cell, Plane, Vertex};
 use crate::patch::number::Number;
 use crate::patch::rows::narrow_cell;
-use crate::patch::squares::{Place, SIDE, Squares};
+use crate::patch::squares::{Place, Squares};
+use crate::patch::sums::SIDE;
 use crate::sample::VALID;
 
 /// Both bits: an outline may run through the unit cell.

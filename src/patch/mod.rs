@@ -21,6 +21,7 @@ pub mod outline;
 pub mod paper;
 mod rows;
 mod squares;
+mod sums;
 
 use crate::geo::Spacing;
 
