@@ -56,6 +56,7 @@ pub mod sample;
 pub mod select;
 pub mod simd;
 pub mod source;
+mod states;
 pub mod surface;
 pub mod texel;
 pub mod tile;

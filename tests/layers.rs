@@ -7,7 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Layer of each top module of the library; see ARCHITECTURE.md.
-const LAYERS: [(&str, u8); 24] = [
+const LAYERS: [(&str, u8); 25] = [
     ("error", 0),
     ("file", 0),
     ("error_code", 0),
@@ -15,6 +15,7 @@ const LAYERS: [(&str, u8); 24] = [
     ("geo", 0),
     ("sample", 0),
     ("simd", 0),
+    ("states", 0),
     ("texel", 0),
     ("source", 1),
     ("tile", 2),

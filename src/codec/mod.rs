@@ -22,7 +22,7 @@ mod predict;
 mod probe;
 #[cfg(test)]
 mod tests;
-pub(crate) mod void;
+mod void;
 mod walk;
 
 /// Buffers of one thread, kept from tile to tile.

@@ -7,6 +7,7 @@ use crate::codec::probe::Target;
 use crate::codec::{bits, void};
 use crate::sample::{FILLED, VALID, VOID};
 use crate::simd::{self, Kernel};
+use crate::states;
 
 /// What encoder and decoder do with the newborn samples.
 pub trait Coder {
@@ -40,7 +41,7 @@ pub struct Places<'a> {
 impl<'a> Places<'a> {
     /// Places of a tile.
     pub fn new(n: usize, root: bool, state: &'a [u8]) -> Self {
-        Self { n, root, state, has_void: !void::all_valid(state) }
+        Self { n, root, state, has_void: !states::all_valid(state) }
     }
 }
 
@@ -293,10 +294,10 @@ impl Coder for Encoder<'_> {
             let residuals = &mut self.residuals[start..start + row.count];
             start += row.count;
             let states = &state[row.first..row.end()];
-            if void::all_valid(states) {
+            if states::all_valid(states) {
                 continue;
             }
-            void::each_place(states, FILLED, |place| {
+            states::each_place(states, FILLED, |place| {
                 let at = row.first + place;
                 if place % row.step == 0
                     && let Some(median) = void::lower_median(self.codes, state, stage, at)
@@ -360,7 +361,7 @@ impl Coder for Decoder<'_> {
         for row in stage.newborn() {
             let residuals = &self.residuals[start..start + row.count];
             start += row.count;
-            if void::all_valid(&state[row.first..row.end()]) {
+            if states::all_valid(&state[row.first..row.end()]) {
                 continue;
             }
             let y = row.first / width;

@@ -5,9 +5,9 @@
 //! coarser level only one spacing is new, T, and only the four corners are born that coarse. What a
 //! tile looks at never reaches farther than its eight neighbours.
 
-use crate::codec::void;
 use crate::sample::{FILLED, Lattice, VALID, VOID};
 use crate::simd::{self, Kernel};
+use crate::states;
 
 /// A tile's lattice amid its eight neighbours, `[row][column]`, the tile itself at `[1][1]`. All of one size.
 pub struct Neighbourhood<'a>(pub [[Option<&'a Lattice>; 3]; 3]);
@@ -76,7 +76,7 @@ impl Neighbourhood<'_> {
     pub fn fills(&self, from: usize, to: usize) -> Vec<Fill> {
         let mut fills = Vec::new();
         let Some(tile) = self.0[1][1] else { return fills };
-        if void::all_valid(&tile.state) {
+        if states::all_valid(&tile.state) {
             return fills;
         }
         let mut state = tile.state.clone();
@@ -94,7 +94,7 @@ impl Neighbourhood<'_> {
                 open.resize(tile.n + 1, 0);
                 let around = self.rows(tile.n, y, spacing);
                 simd::run(NearValid { row, around, best: &mut best, open: &mut open });
-                void::each_place(&open, 1, |x| {
+                states::each_place(&open, 1, |x| {
                     if x % spacing == 0
                         && let Some((code, low)) = self.median(tile, x, y, spacing)
                     {
@@ -181,7 +181,7 @@ impl Neighbourhood<'_> {
         }
         // As one number each, of the same order: those are quicker to sort.
         let near = near.map(|(code, low)| i64::from(code) << 32 | i64::from(low));
-        let median = void::median_of(near, count)?;
+        let median = states::median_of(near, count)?;
         Some(((median >> 32) as i32, median as u32))
     }
 }
