@@ -37,8 +37,8 @@ const BUFFER: usize = 1 << 20;
 const RECORDS: &str = "records";
 /// Tiles copied between two questions whether to go on.
 const TILES_AT_ONCE: usize = 256;
-/// Tiles copied by one thread with one write, some 500 KB.
-const TILES_AT_A_WRITE: usize = 16;
+/// Tiles copied by one thread at a time, some 500 KB of most rasters.
+const TILES_A_THREAD: usize = 16;
 
 /// What the index says of a tile.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -327,7 +327,7 @@ impl ContainerWriter {
             level_file.file.flush()?;
             let (level_file, entries) = (&*level_file, self.tree.level(level as u8));
             for (entries, sources) in entries.chunks(TILES_AT_ONCE).zip(sources.chunks(TILES_AT_ONCE)) {
-                let pieces = entries.par_chunks(TILES_AT_A_WRITE).zip(sources.par_chunks(TILES_AT_A_WRITE));
+                let pieces = entries.par_chunks(TILES_A_THREAD).zip(sources.par_chunks(TILES_A_THREAD));
                 pieces.try_for_each(|(entries, sources)| {
                     copy_tiles(level_file, entries, sources, (&file, tiles.offset))
                 })?;

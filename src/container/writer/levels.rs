@@ -72,22 +72,26 @@ pub(super) fn copy_tiles(
     (out, base): (&File, u64),
 ) -> io::Result<()> {
     let Some(first) = entries.first() else { return Ok(()) };
-    let bytes: u64 = entries.iter().map(|entry| entry.chunks.bytes()).sum();
-    let mut buffer = vec![0; bytes as usize];
-    let mut rest = buffer.as_mut_slice();
+    let (mut buffer, mut offset) = (Vec::new(), base + first.chunks.offset);
     for (entry, &source) in entries.iter().zip(sources) {
-        let (chunks, behind) = rest.split_at_mut(entry.chunks.bytes() as usize);
-        file.read(chunks, source)?;
-        let mut from = 0;
+        let start = buffer.len();
+        buffer.resize(start + entry.chunks.bytes() as usize, 0);
+        let mut rest = &mut buffer[start..];
+        file.read(rest, source)?;
         for (length, crc) in entry.chunks.lengths.into_iter().zip(entry.chunks.crcs) {
-            let end = from + length as usize;
-            if crc32fast::hash(&chunks[from..end]) != crc {
+            let (chunk, behind) = rest.split_at_mut(length as usize);
+            if crc32fast::hash(chunk) != crc {
                 let what = format!("the disk gave back other bytes for tile {} than it was given", entry.id);
                 return Err(io::Error::other(what));
             }
-            from = end;
+            rest = behind;
         }
-        rest = behind;
+        // Tiles may be megabytes, and threads many.
+        if buffer.len() >= BUFFER {
+            write_all_at(out, &buffer, offset)?;
+            offset += buffer.len() as u64;
+            buffer.clear();
+        }
     }
-    write_all_at(out, &buffer, base + first.chunks.offset)
+    write_all_at(out, &buffer, offset)
 }
