@@ -174,22 +174,25 @@ impl<'a> Sweep<'a> {
 
     /// What stands in the levels now, as items: with the seam file and what is settled, all that a sweep needs to go on from here.
     pub fn standing(&self) -> Result<Vec<u8>> {
-        let mut quarters = Vec::new();
-        let mut items = Vec::new();
+        let mut bytes = Vec::new();
         for (level, state) in (0..).zip(&self.levels) {
             if let Some((y, waiting)) = &state.waiting {
-                items.extend(waiting.iter().map(|(x, q)| Item::Quarter(TileId::new(level, *x, *y), q)));
+                let items = waiting.iter().map(|(x, q)| Item::Quarter(TileId::new(level, *x, *y), q));
+                bytes.extend(encode_all(&items.collect::<Vec<_>>())?);
             }
             if level == self.plan.levels {
                 // Leaves come from the source again.
                 continue;
             }
+            // Row by row: parents are copied to be taken apart.
             for row in [&state.north, &state.current].into_iter().flatten() {
+                let (mut items, mut quarters) = (Vec::new(), Vec::new());
                 row.leave(level, |_| true, &mut items, &mut quarters);
+                items.extend(quarters.iter().map(|(id, quarter)| Item::Quarter(*id, quarter)));
+                bytes.extend(encode_all(&items)?);
             }
         }
-        items.extend(quarters.iter().map(|(id, quarter)| Item::Quarter(*id, quarter)));
-        encode_all(&items)
+        Ok(bytes)
     }
 
     /// The writer, to mark how far it is.
