@@ -6,7 +6,7 @@
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
@@ -71,7 +71,9 @@ impl WorkFolder {
 
     /// Puts a state in the place of the one before, whole and synced. From now on the folder outlives a failed build.
     pub fn write_state(&mut self, state: &[u8]) -> Result<()> {
-        write_state(&self.folder, state)?;
+        let mut new = NewState::create(&self.folder)?;
+        new.append(state)?;
+        new.publish()?;
         self.keep = true;
         Ok(())
     }
@@ -233,18 +235,47 @@ fn is_piece(path: &Path) -> bool {
     path.join(STATE).is_file()
 }
 
-/// Writes the state of a folder: under another name first, so that there is a whole one at any time.
-pub fn write_state(folder: &Path, state: &[u8]) -> Result<()> {
-    let (new, path) = (folder.join("state.new"), folder.join(STATE));
-    let write = || -> io::Result<()> {
-        let mut file = File::create(&new)?;
-        file.write_all(state)?;
-        file.sync_all()?;
-        drop(file);
-        fs::rename(&new, &path)?;
-        sync_folder(folder)
-    };
-    write().map_err(|source| Error::io(&path, "write the state of the build", source))
+/// The next state of a folder while it is written: under another name, so that there is a whole one at any time.
+pub struct NewState {
+    folder: PathBuf,
+    file: BufWriter<File>,
+}
+
+impl NewState {
+    /// Begins it. There must be one at a time only.
+    pub fn create(folder: &Path) -> Result<Self> {
+        match File::create(folder.join("state.new")) {
+            Ok(file) => Ok(Self { folder: folder.to_owned(), file: BufWriter::new(file) }),
+            Err(source) => Err(state_failed(folder, source)),
+        }
+    }
+
+    /// Adds to it.
+    pub fn append(&mut self, bytes: &[u8]) -> Result<()> {
+        self.file.write_all(bytes).map_err(|source| state_failed(&self.folder, source))
+    }
+
+    /// An error of the system while it was being made.
+    pub fn failed(&self, action: &str, source: io::Error) -> Error {
+        Error::io(&self.folder, action, source)
+    }
+
+    /// Syncs it, and puts it in the place of the one before.
+    pub fn publish(self) -> Result<()> {
+        let Self { folder, file } = self;
+        let publish = || -> io::Result<()> {
+            let file = file.into_inner()?;
+            file.sync_all()?;
+            drop(file);
+            fs::rename(folder.join("state.new"), folder.join(STATE))?;
+            sync_folder(&folder)
+        };
+        publish().map_err(|source| state_failed(&folder, source))
+    }
+}
+
+fn state_failed(folder: &Path, source: io::Error) -> Error {
+    Error::io(folder.join(STATE), "write the state of the build", source)
 }
 
 fn unfinished(work: &WorkFolder) -> Error {

@@ -4,11 +4,10 @@
 //! own, while the build goes on. A build that ends before its first checkpoint leaves nothing.
 
 use std::fs::File;
-use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use crate::container::work;
+use crate::container::work::NewState;
 use crate::error::{Error, Result};
 
 /// A checkpoint may take this share of the time at most.
@@ -36,13 +35,11 @@ impl Checkpoints {
         Ok(self.running.is_none() && Instant::now() >= self.due)
     }
 
-    /// Syncs `files`, then writes `state` into `folder`, on a thread. `begun` is when the state began to be put together.
-    pub fn write(&mut self, folder: &Path, files: Vec<File>, state: Vec<u8>, begun: Instant) -> Result<()> {
-        self.wait()?;
-        let folder = folder.to_owned();
-        self.running = Some(std::thread::spawn(move || sync_and_write(&folder, &files, &state)));
+    /// Syncs `files`, then puts `state` in its place, on a thread. `begun` is when the state began to be put together; the last
+    /// checkpoint is through (see [`Checkpoints::is_due`] and [`Checkpoints::wait`]).
+    pub fn publish(&mut self, files: Vec<File>, state: NewState, begun: Instant) {
+        self.running = Some(std::thread::spawn(move || sync_and_publish(&files, state)));
         self.due = Instant::now() + self.every.max(begun.elapsed() * SHARE);
-        Ok(())
     }
 
     /// Waits for the checkpoint that is being written, if any.
@@ -53,11 +50,6 @@ impl Checkpoints {
             .unwrap_or_else(|_| Err(Error::usage("the thread that writes the state of the build failed")));
         self.written |= result.is_ok();
         result
-    }
-
-    /// True if there is a state, or will be soon.
-    pub fn is_written_or_running(&self) -> bool {
-        self.written || self.running.is_some()
     }
 
     /// True if there is a state to go on from.
@@ -73,10 +65,9 @@ impl Drop for Checkpoints {
     }
 }
 
-fn sync_and_write(folder: &Path, files: &[File], state: &[u8]) -> Result<()> {
+fn sync_and_publish(files: &[File], state: NewState) -> Result<()> {
     for file in files {
-        file.sync_data()
-            .map_err(|source| Error::io(PathBuf::from(folder), "sync what is done so far", source))?;
+        file.sync_data().map_err(|source| state.failed("sync what is done so far", source))?;
     }
-    work::write_state(folder, state)
+    state.publish()
 }

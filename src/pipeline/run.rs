@@ -2,13 +2,14 @@
 //!
 //! While a row is worked on, the next band is read.
 
+use std::fs::File;
 use std::ops::Range;
 use std::path::Path;
 use std::time::Instant;
 
 use rayon::prelude::*;
 
-use crate::container::work::{Earlier, WorkFolder};
+use crate::container::work::{Earlier, NewState, WorkFolder};
 use crate::container::writer::{ContainerWriter, Mark};
 use crate::error::{Error, Result};
 use crate::pipeline::checkpoint::Checkpoints;
@@ -217,22 +218,24 @@ impl Run<'_> {
     fn checkpoint(&mut self, next: u32) -> Result<()> {
         let begun = Instant::now();
         self.check_source()?;
-        let (files, state) = self.snapshot(next)?;
-        let folder = self.sweep.writer().work().folder().to_owned();
-        self.checkpoints.write(&folder, files, state, begun)
+        let mut new = NewState::create(self.sweep.writer().work().folder())?;
+        let files = self.snapshot(next, &mut |bytes| new.append(bytes))?;
+        self.checkpoints.publish(files, new, begun);
+        Ok(())
     }
 
-    /// The state as bytes, and the files to be synced before it is written.
-    fn snapshot(&mut self, next: u32) -> Result<(Vec<std::fs::File>, Vec<u8>)> {
+    /// Gives `put` the state as bytes; gives back the files to be synced before it counts.
+    fn snapshot(&mut self, next: u32, put: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<Vec<File>> {
         self.sweep.settle()?;
-        let standing = self.sweep.standing()?;
         let mark = self.sweep.writer().mark()?;
         let mut files = self.sweep.writer().files()?;
         let (length, file) = self.sweep.seam().mark()?;
         files.push(file);
         let seam = (self.state.seam.0.clone(), length);
         let state = State { next, mark, seam, tally: self.sweep.tally().clone(), ..self.state.clone() };
-        Ok((files, state.encode(&standing)?))
+        put(&state.encode()?)?;
+        self.sweep.standing(put)?;
+        Ok(files)
     }
 
     /// Fails if the source is not what it was when the build began.
@@ -248,11 +251,17 @@ impl Run<'_> {
     /// Ends the run, well or not: the folder is kept if there is a state to go on from.
     fn end(mut self, result: Result<()>) -> Result<Done> {
         let result = result.and_then(|()| {
-            let (files, state) = self.snapshot(self.state.next)?;
-            if self.checkpoints.is_written_or_running() {
+            self.checkpoints.wait()?;
+            let mut state = Vec::new();
+            let files = self.snapshot(self.state.next, &mut |bytes| {
+                state.extend_from_slice(bytes);
+                Ok(())
+            })?;
+            if self.checkpoints.is_written() {
                 // Putting the file together may fail too.
-                let folder = self.sweep.writer().work().folder().to_owned();
-                self.checkpoints.write(&folder, files, state.clone(), Instant::now())?;
+                let mut new = NewState::create(self.sweep.writer().work().folder())?;
+                new.append(&state)?;
+                self.checkpoints.publish(files, new, Instant::now());
             }
             Ok(state)
         });

@@ -21,6 +21,8 @@ use crate::tile::TileId;
 const HEAD: usize = 18;
 /// A frame is never longer: a tile of 1024 intervals, unpacked.
 const MOST: usize = 64 << 20;
+/// Items that are in memory as bytes at a time.
+pub const AT_ONCE: usize = 16;
 
 /// What an item is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -56,10 +58,13 @@ impl Item<'_> {
     }
 }
 
-/// The items of many, encoded on all threads, in their order.
-pub fn encode_all(items: &[Item<'_>]) -> Result<Vec<u8>> {
-    let parts = items.par_iter().map(Item::encode).collect::<Result<Vec<_>>>()?;
-    Ok(parts.concat())
+/// Gives `put` items as bytes, in their order; some at a time are encoded on all threads.
+pub fn encode_each(items: &[Item<'_>], put: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
+    for items in items.chunks(AT_ONCE) {
+        let parts = items.par_iter().map(Item::encode).collect::<Result<Vec<_>>>()?;
+        parts.iter().try_for_each(|part| put(part))?;
+    }
+    Ok(())
 }
 
 /// A file that items are appended to.
@@ -78,8 +83,12 @@ impl SeamFile {
 
     /// Appends items.
     pub fn append(&mut self, items: &[Item<'_>]) -> Result<()> {
-        let bytes = encode_all(items)?;
-        self.file.write_all(&bytes).map_err(|source| Error::io(&self.path, "write it", source))?;
+        encode_each(items, &mut |bytes| self.put(bytes))
+    }
+
+    /// Appends an item that is encoded.
+    pub fn put(&mut self, bytes: &[u8]) -> Result<()> {
+        self.file.write_all(bytes).map_err(|source| Error::io(&self.path, "write it", source))?;
         self.end += bytes.len() as u64;
         Ok(())
     }

@@ -51,17 +51,16 @@ pub struct State {
 }
 
 impl State {
-    /// The state file: JSON and what stood in the sweep.
-    pub fn encode(&self, standing: &[u8]) -> Result<Vec<u8>> {
+    /// The state file up to what stood in the sweep.
+    pub fn encode(&self) -> Result<Vec<u8>> {
         let json = serde_json::to_vec(self)
             .map_err(|error| Error::usage(format!("the state of the build cannot be written: {error}")))?;
-        let mut out = Vec::with_capacity(HEAD + json.len() + standing.len());
+        let mut out = Vec::with_capacity(HEAD + json.len());
         out.extend_from_slice(MAGIC);
         for word in [VERSION, json.len() as u32, crc32fast::hash(&json)] {
             out.extend_from_slice(&word.to_le_bytes());
         }
         out.extend_from_slice(&json);
-        out.extend_from_slice(standing);
         Ok(out)
     }
 

@@ -35,7 +35,7 @@ pub fn build(
     if new {
         state.strips = strips;
         // From here on there is something to resume.
-        work.write_state(&state.encode(&[])?)?;
+        work.write_state(&state.encode()?)?;
     }
     let pieces: Vec<PathBuf> =
         (0..state.strips.len()).map(|i| work.folder().join(format!("strip-{i:03}"))).collect();

@@ -15,7 +15,7 @@ use crate::pipeline::buffers::Buffers;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::quarter::Quarter;
 use crate::pipeline::reach::Reach;
-use crate::pipeline::seam::{Item, SeamFile, Seams, encode_all};
+use crate::pipeline::seam::{AT_ONCE, Item, SeamFile, Seams, encode_each};
 use crate::pipeline::tally::Tally;
 use crate::pipeline::work::{Finished, Work};
 use crate::sample::{Lattice, VOID};
@@ -66,23 +66,30 @@ impl TileRow {
     }
 
     /// What the tiles in some columns leave: their rims if they are finished, else their quarters.
-    fn leave<'a>(
-        &'a self,
+    fn leave(
+        &self,
         level: u8,
         wanted: impl Fn(u32) -> bool,
-        rims: &mut Vec<Item<'a>>,
-        quarters: &mut Vec<(TileId, Quarter)>,
-    ) {
-        for (x, slot) in self.slots.iter().filter(|(x, _)| wanted(*x)) {
-            let id = TileId::new(level, *x, self.y);
-            let before = quarters.len();
-            if let Slot::Work(work) = slot {
-                quarters.extend(work.quarters().into_iter().map(|(q, quarter)| (id.child(q), quarter)));
+        put: &mut dyn FnMut(&[u8]) -> Result<()>,
+    ) -> Result<()> {
+        let slots: Vec<_> = self.slots.iter().filter(|(x, _)| wanted(*x)).collect();
+        // Some at a time: tiles are copied to be taken apart.
+        for slots in slots.chunks(AT_ONCE) {
+            let (mut items, mut quarters) = (Vec::new(), Vec::new());
+            for (x, slot) in slots {
+                let id = TileId::new(level, *x, self.y);
+                let before = quarters.len();
+                if let Slot::Work(work) = slot {
+                    quarters.extend(work.quarters().into_iter().map(|(q, quarter)| (id.child(q), quarter)));
+                }
+                if quarters.len() == before {
+                    items.push(Item::Rim(id, slot.lattice()));
+                }
             }
-            if quarters.len() == before {
-                rims.push(Item::Rim(id, slot.lattice()));
-            }
+            items.extend(quarters.iter().map(|(id, quarter)| Item::Quarter(*id, quarter)));
+            encode_each(&items, put)?;
         }
+        Ok(())
     }
 }
 
@@ -173,26 +180,21 @@ impl<'a> Sweep<'a> {
     }
 
     /// What stands in the levels now, as items: with the seam file and what is settled, all that a sweep needs to go on from here.
-    pub fn standing(&self) -> Result<Vec<u8>> {
-        let mut bytes = Vec::new();
+    pub fn standing(&self, put: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
         for (level, state) in (0..).zip(&self.levels) {
             if let Some((y, waiting)) = &state.waiting {
                 let items = waiting.iter().map(|(x, q)| Item::Quarter(TileId::new(level, *x, *y), q));
-                bytes.extend(encode_all(&items.collect::<Vec<_>>())?);
+                encode_each(&items.collect::<Vec<_>>(), put)?;
             }
             if level == self.plan.levels {
                 // Leaves come from the source again.
                 continue;
             }
-            // Row by row: parents are copied to be taken apart.
             for row in [&state.north, &state.current].into_iter().flatten() {
-                let (mut items, mut quarters) = (Vec::new(), Vec::new());
-                row.leave(level, |_| true, &mut items, &mut quarters);
-                items.extend(quarters.iter().map(|(id, quarter)| Item::Quarter(*id, quarter)));
-                bytes.extend(encode_all(&items)?);
+                row.leave(level, |_| true, put)?;
             }
         }
-        Ok(bytes)
+        Ok(())
     }
 
     /// The writer, to mark how far it is.
@@ -279,10 +281,8 @@ impl<'a> Sweep<'a> {
         if level == self.plan.levels {
             return Ok(());
         }
-        let (mut items, mut quarters) = (Vec::new(), Vec::new());
-        row.leave(level, |x| self.reach.is_at_seam(level, x, row.y), &mut items, &mut quarters);
-        items.extend(quarters.iter().map(|(id, quarter)| Item::Quarter(*id, quarter)));
-        self.seam.append(&items)
+        let (seam, reach) = (&mut self.seam, &self.reach);
+        row.leave(level, |x| reach.is_at_seam(level, x, row.y), &mut |bytes| seam.put(bytes))
     }
 
     /// Pairs a finished row with the one it waits for.
