@@ -29,7 +29,7 @@ use crate::simd;
 use above_cell::AboveCells;
 use features::{AllAlike, CellBits, Validity};
 use leaf_cell::{Grid, LeafCells};
-use marks::{Marks, ValidBits};
+use marks::Marks;
 use patterns::Patterns;
 use search::{Drawing, MIXED, Pyramid};
 use shape::{Segments, Somewheres};
@@ -52,7 +52,6 @@ const KEPT_INTERVALS: usize = 512;
 struct Scratch {
     /// 1 where a sample is valid, `(n + 1)^2`.
     valid: Vec<u8>,
-    bits: ValidBits,
     marks: [Marks; 2],
     pyramid: Pyramid,
     patterns: Patterns,
@@ -103,10 +102,9 @@ fn leaf_errors(
     spacing: Spacing,
     errors: &mut LeafOutline,
 ) {
-    let Scratch { valid, bits, marks: [marks, _], pyramid, patterns, segments, .. } = scratch;
+    let Scratch { valid, marks: [marks, _], pyramid, patterns, segments, .. } = scratch;
     simd::run(Validity { state, valid });
-    bits.fill(valid, n + 1);
-    marks.outline(bits, n);
+    marks.outline(valid, n);
     simd::run(CellBits { valid, n, bits: pyramid.start(n) });
     pyramid.build();
     let half = (0.5 * spacing.dx, 0.5 * spacing.dy);
@@ -192,12 +190,11 @@ pub fn above(state: &[u8], block: &[u8], n: usize, patch: usize, parity: bool, s
     }
     let spacing = usable(spacing);
     with_scratch(n, |scratch| {
-        let Scratch { valid, bits, marks: [void, nearest_valid], pyramid, places, .. } = scratch;
+        let Scratch { valid, marks: [void, nearest_valid], pyramid, places, .. } = scratch;
         simd::run(Validity { state, valid });
-        bits.fill(valid, n + 1);
         let is_mixed: Vec<u8> = block.iter().map(|&bits| u8::from(bits & MIXED == MIXED)).collect();
-        void.places(bits, &is_mixed, n, false);
-        nearest_valid.places(bits, &is_mixed, n, true);
+        void.places(valid, &is_mixed, n, false);
+        nearest_valid.places(valid, &is_mixed, n, true);
         pyramid.start(n).copy_from_slice(block);
         pyramid.build();
         let half = (0.5 * spacing.dx, 0.5 * spacing.dy);

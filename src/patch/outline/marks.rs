@@ -1,286 +1,372 @@
-//! Points of a tile's half lattice as bits, and the nearest of them to any point.
+//! Marked points of a tile's half lattice, and the nearest of them to any point.
 //!
 //! Point (X, Y) of the *half lattice*, `0 <= X, Y <= 2n`, lies X / 2 columns and Y / 2 rows from the north-west, so (even,
-//! even) is a sample and (odd, odd) the centre of a cell. Void outlines are short beside a tile: marking costs a few
-//! operations per 64 samples, and a query looks at the rows around its point, from near to far, until they are farther
-//! than what it has found.
+//! even) is a sample and (odd, odd) the centre of a cell. Marks are kept as distances: each point knows how far the nearest
+//! mark of its own half column is. These are made for whole half rows at a time, in vectors; a query then looks along
+//! one half row, from near to far, until the columns are farther than what it has found. (The two passes of a distance
+//! transform, Felzenszwalb & Huttenlocher 2012, with the second one only where it is asked for.)
 
 use crate::simd::{self, Kernel};
 
 /// A point of the half lattice: column, row.
 pub(super) type HalfPoint = [i16; 2];
 
-/// Bits of a word.
-const WORD: usize = u64::BITS as usize;
-
-/// Half rows that are looked at together from far away.
-const GROUP: usize = 8;
-
-/// Samples of a tile that are valid, as bits: row by row, each in whole words.
-#[derive(Debug, Default)]
-pub(super) struct ValidBits {
-    /// Samples on a side.
-    side: usize,
-    words: Vec<u64>,
-}
-
-impl ValidBits {
-    /// Takes over `side x side` samples of which `is_valid` holds 1 for the valid ones, 0 for the others.
-    pub(super) fn fill(&mut self, is_valid: &[u8], side: usize) {
-        self.side = side;
-        self.words.clear();
-        for row in is_valid.chunks_exact(side) {
-            self.words.extend(row.chunks(WORD).map(pack));
-        }
-    }
-
-    /// Row `y`.
-    fn row(&self, y: usize) -> &[u64] {
-        let words = self.side.div_ceil(WORD);
-        &self.words[y * words..(y + 1) * words]
-    }
-}
-
-/// Up to 64 bytes, each 0 or 1, as bits.
-#[inline]
-fn pack(bytes: &[u8]) -> u64 {
-    // The product gathers the lowest bits of eight bytes in its highest byte.
-    let eight = |bytes: [u8; 8]| u64::from_le_bytes(bytes).wrapping_mul(0x0102_0408_1020_4080) >> 56;
-    let (chunks, rest) = bytes.as_chunks::<8>();
-    let mut last = [0; 8];
-    last[..rest.len()].copy_from_slice(rest);
-    let mut word = if rest.is_empty() { 0 } else { eight(last) << (8 * chunks.len()) };
-    for (i, &bytes) in chunks.iter().enumerate() {
-        word |= eight(bytes) << (8 * i);
-    }
-    word
-}
+/// Half columns of one kind, even or odd, that are looked at together.
+const LANES: usize = 8;
+/// Half columns of both kinds.
+const BLOCK: usize = 2 * LANES;
+/// Bytes of a row of one kind come in multiples of this: whole vectors.
+const VECTOR: usize = 32;
+/// Half rows to the nearest mark of a half column: none that is nearer than this.
+const FAR: u8 = u8::MAX;
 
 /// Marked points of the half lattice of a tile.
 #[derive(Debug, Default)]
 pub(super) struct Marks {
-    /// Words of a half row, with an empty one before the first mark and one after the last.
-    words: usize,
-    /// Half rows, one after the other, and an empty one.
-    bits: Vec<u64>,
-    /// True for each half row with a mark.
-    any: Vec<bool>,
-    /// The same words for each [`GROUP`] of half rows: what any of them has.
-    groups: Vec<u64>,
+    n: usize,
+    /// Even half columns of a row, or odd ones: more than the tile has, in whole vectors.
+    stride: usize,
+    /// Half rows to the nearest mark of the same half column, [`FAR`] at most: half row by half row, first of the even half
+    /// columns, then of the odd ones.
+    down: Vec<u8>,
+    /// The least of them for each block of a half row.
+    low: Vec<u8>,
+}
+
+/// Intervals of a tile at most: half rows must fit [`HalfPoint`].
+const MOST_INTERVALS: usize = 2048;
+/// 1 and 0 in turn.
+static ALTERNATING: [u8; MOST_INTERVALS + 1] = {
+    let mut bytes = [1; MOST_INTERVALS + 1];
+    let mut i = 1;
+    while i < bytes.len() {
+        bytes[i] = 0;
+        i += 2;
+    }
+    bytes
+};
+
+/// Before the first half row.
+static ALL_FAR: [u8; 2 * (MOST_INTERVALS + 1).next_multiple_of(VECTOR)] =
+    [FAR; 2 * (MOST_INTERVALS + 1).next_multiple_of(VECTOR)];
+
+/// Sets the marks of a half row to 1, of the even half columns and of the odd ones.
+trait MarkRow {
+    fn mark(&self, row: usize, even: &mut [u8], odd: &mut [u8]);
+}
+
+/// Vertices of the outline: midpoints of the sides and diagonals that join a valid and a void sample.
+struct Outline<'a> {
+    valid: &'a [u8],
+    n: usize,
+}
+
+impl MarkRow for Outline<'_> {
+    #[inline(always)]
+    fn mark(&self, row: usize, even: &mut [u8], odd: &mut [u8]) {
+        let (n, y) = (self.n, row / 2);
+        let north = &self.valid[y * (n + 1)..(y + 1) * (n + 1)];
+        if row.is_multiple_of(2) {
+            for ((mark, west), east) in odd.iter_mut().zip(north).zip(&north[1..]) {
+                *mark = west ^ east;
+            }
+            even.fill(0);
+            return;
+        }
+        let south = &self.valid[(y + 1) * (n + 1)..(y + 2) * (n + 1)];
+        for ((mark, north), south) in even.iter_mut().zip(north).zip(south) {
+            *mark = north ^ south;
+        }
+        // Cells whose column and row are both even or both odd have the diagonal from north-west to south-east.
+        let falls = &ALTERNATING[y % 2..];
+        let corners = north.iter().zip(&north[1..]).zip(south.iter().zip(&south[1..]));
+        for ((mark, falls), ((nw, ne), (sw, se))) in odd.iter_mut().zip(falls).zip(corners) {
+            let (falling, rising) = (nw ^ se, ne ^ sw);
+            *mark = rising ^ ((falling ^ rising) & falls);
+        }
+    }
+}
+
+/// The samples of one kind, and the centres of the blocks that hold some of that kind inside only.
+struct Places<'a> {
+    valid: &'a [u8],
+    /// 1 for each of the `n x n` blocks that holds both kinds.
+    is_mixed: &'a [u8],
+    n: usize,
+    /// 1 or 0.
+    kind: u8,
+}
+
+impl MarkRow for Places<'_> {
+    #[inline(always)]
+    fn mark(&self, row: usize, even: &mut [u8], odd: &mut [u8]) {
+        let (n, y, flip) = (self.n, row / 2, self.kind ^ 1);
+        let north = &self.valid[y * (n + 1)..(y + 1) * (n + 1)];
+        if row.is_multiple_of(2) {
+            for (mark, valid) in even.iter_mut().zip(north) {
+                *mark = valid ^ flip;
+            }
+            odd.fill(0);
+            return;
+        }
+        even.fill(0);
+        let south = &self.valid[(y + 1) * (n + 1)..(y + 2) * (n + 1)];
+        let is_mixed = &self.is_mixed[y * n..(y + 1) * n];
+        let corners = north.iter().zip(&north[1..]).zip(south.iter().zip(&south[1..]));
+        for ((mark, mixed), ((nw, ne), (sw, se))) in odd.iter_mut().zip(is_mixed).zip(corners) {
+            let at_corner = (nw ^ flip) | (ne ^ flip) | (sw ^ flip) | (se ^ flip);
+            *mark = mixed & (at_corner ^ 1);
+        }
+    }
+}
+
+/// Makes the distances.
+struct Fill<'a, M> {
+    marks: &'a mut Marks,
+    of: M,
+}
+
+impl<M: MarkRow> Kernel for Fill<'_, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        const MOST: usize = (MOST_INTERVALS + 1).next_multiple_of(VECTOR);
+        let Self { marks: Marks { n, stride, down, low }, of } = self;
+        let (n, stride, row) = (*n, *stride, 2 * *stride);
+        let mut marked = [0_u8; 2 * MOST];
+        for y in 0..=2 * n {
+            let (even, odd) = marked[..row].split_at_mut(stride);
+            of.mark(y, &mut even[..=n], &mut odd[..n]);
+            let (before, here) = down.split_at_mut(y * row);
+            let north = before.len().checked_sub(row).map_or(&ALL_FAR[..row], |from| &before[from..]);
+            for ((here, north), mark) in here[..row].iter_mut().zip(north).zip(&marked) {
+                // 0 where there is a mark.
+                *here = north.saturating_add(1) & mark.wrapping_sub(1);
+            }
+        }
+        for y in (0..2 * n).rev() {
+            let (here, south) = down[y * row..(y + 2) * row].split_at_mut(row);
+            for (here, south) in here.iter_mut().zip(south) {
+                *here = (*here).min(south.saturating_add(1));
+            }
+        }
+        let (mut one, mut two, mut four) = ([0; MOST], [0; MOST / 2], [0; MOST / 4]);
+        for (row, low) in down.chunks_exact(row).zip(low.chunks_exact_mut(stride / LANES)) {
+            let (even, odd) = row.split_at(stride);
+            for ((one, even), odd) in one.iter_mut().zip(even).zip(odd) {
+                *one = *even.min(odd);
+            }
+            lower_of_two(&one[..stride], &mut two);
+            lower_of_two(&two[..stride / 2], &mut four);
+            lower_of_two(&four[..stride / 4], low);
+        }
+    }
+}
+
+/// The lower one of every two.
+#[inline(always)]
+fn lower_of_two(bytes: &[u8], lower: &mut [u8]) {
+    for (lower, pair) in lower.iter_mut().zip(bytes.as_chunks::<2>().0) {
+        *lower = pair[0].min(pair[1]);
+    }
 }
 
 impl Marks {
-    /// Forgets all marks, for a tile of `n` intervals, at most 2 048.
-    fn start(&mut self, n: usize) {
-        debug_assert!(n <= 2048, "half rows must fit HalfPoint");
-        self.words = (2 * n + 1).div_ceil(WORD) + 2;
-        self.bits.clear();
-        self.bits.resize((2 * n + 2) * self.words, 0);
-        self.any.clear();
-        self.any.resize(2 * n + 1, false);
-        self.groups.clear();
-        self.groups.resize((2 * n + 1).div_ceil(GROUP) * self.words, 0);
-    }
-
-    /// Marks points of half row `row`: bit `i` of word `w` of `even` is half column `2 (64 w + i)`, of `odd` the one after it.
-    #[inline]
-    fn set(&mut self, row: usize, w: usize, even: u64, odd: u64) {
-        if even | odd == 0 {
-            return;
-        }
-        self.any[row] = true;
-        let words = [spread(even) | spread(odd) << 1, spread(even >> 32) | spread(odd >> 32) << 1];
-        // The last word may have the tile's last half column only.
-        let (from, count) = (2 * w + 1, 2.min(self.words - 2 - 2 * w));
-        for (i, word) in words.into_iter().enumerate().take(count) {
-            self.bits[row * self.words + from + i] = word;
-            self.groups[row / GROUP * self.words + from + i] |= word;
-        }
-    }
-
-    /// Marks the vertices of the outline: midpoints of the sides and diagonals that join a valid and a void sample.
-    pub(super) fn outline(&mut self, valid: &ValidBits, n: usize) {
-        self.start(n);
-        for y in 0..=n {
-            let row = valid.row(y);
-            for w in 0..row.len() {
-                let across = (row[w] ^ next(row, w)) & within(n, w);
-                self.set(2 * y, w, 0, across);
-            }
-        }
-        for y in 0..n {
-            let (north, south) = (valid.row(y), valid.row(y + 1));
-            // Cells whose column and row are both even or both odd have the diagonal from north-west to south-east.
-            let falls = if y % 2 == 0 { 0x5555_5555_5555_5555 } else { 0xAAAA_AAAA_AAAA_AAAA };
-            for w in 0..north.len() {
-                let down = north[w] ^ south[w];
-                let (falling, rising) = (north[w] ^ next(south, w), next(north, w) ^ south[w]);
-                let diagonal = (falling & falls | rising & !falls) & within(n, w);
-                self.set(2 * y + 1, w, down, diagonal);
-            }
-        }
+    /// Marks the vertices of the outline of a tile of `n` intervals; `valid` is 1 or 0 for each of its samples.
+    pub(super) fn outline(&mut self, valid: &[u8], n: usize) {
+        self.fill(n, Outline { valid, n });
     }
 
     /// Marks the samples of one kind, and the centres of the blocks that hold some of that kind inside only. `is_mixed`
     /// says 1 of each of the `n x n` blocks that holds both kinds.
-    pub(super) fn places(&mut self, valid: &ValidBits, is_mixed: &[u8], n: usize, kind: bool) {
-        self.start(n);
-        let flip = if kind { 0 } else { u64::MAX };
-        for y in 0..=n {
-            let row = valid.row(y);
-            for (w, word) in row.iter().enumerate() {
-                self.set(2 * y, w, (word ^ flip) & within(n + 1, w), 0);
-            }
-        }
-        for (y, blocks) in is_mixed.chunks_exact(n).enumerate() {
-            let (north, south) = (valid.row(y), valid.row(y + 1));
-            for (w, blocks) in blocks.chunks(WORD).enumerate() {
-                let at_corner = |row: &[u64]| row[w] ^ flip | next(row, w) ^ flip;
-                let inside = pack(blocks) & !(at_corner(north) | at_corner(south)) & within(n, w);
-                self.set(2 * y + 1, w, 0, inside);
-            }
-        }
+    pub(super) fn places(&mut self, valid: &[u8], is_mixed: &[u8], n: usize, kind: bool) {
+        self.fill(n, Places { valid, is_mixed, n, kind: u8::from(kind) });
+    }
+
+    fn fill(&mut self, n: usize, of: impl MarkRow) {
+        debug_assert!(n <= MOST_INTERVALS, "half rows must fit HalfPoint");
+        self.n = n;
+        self.stride = (n + 1).next_multiple_of(VECTOR);
+        self.down.resize((2 * n + 1) * 2 * self.stride, 0);
+        self.low.resize((2 * n + 1) * self.stride / LANES, 0);
+        simd::run(Fill { marks: self, of });
+    }
+
+    /// Half rows from point `(x, y)` to the nearest mark of its half column; [`FAR`] if none is nearer than that.
+    #[inline]
+    fn down(&self, x: usize, y: usize) -> u8 {
+        self.down[(2 * y + x % 2) * self.stride + x / 2]
     }
 
     /// The mark nearest to a point of the half lattice, where half an interval is `half` (across, down) long; `None` if there
-    /// are no marks. Of marks as far any one.
-    pub(super) fn nearest(&self, from: [usize; 2], half: (f64, f64)) -> Option<HalfPoint> {
+    /// are no marks. Of marks as far, up to the rounding of f32, any one.
+    pub(super) fn nearest(&self, [x, y]: [usize; 2], half: (f64, f64)) -> Option<HalfPoint> {
         // In units of half an interval across.
         let ratio = (half.1 / half.0) * (half.1 / half.0);
-        let near = simd::run(Near { marks: self, from, ratio });
-        if near.is_some() { near } else { self.far(from, ratio) }
+        let (column, squared) = simd::run(Near { marks: self, from: [x, y], ratio: ratio as f32 });
+        // A mark that is farther in its column may be nearer.
+        if f64::from(squared) >= f64::from(FAR) * f64::from(FAR) * ratio * (1.0 - 1e-6) {
+            return self.far([x, y], ratio);
+        }
+        let down = usize::from(self.down(column, y));
+        let row = if y >= down && self.down(column, y - down) == 0 { y - down } else { y + down };
+        Some([column as i16, row as i16])
     }
 
     /// The nearest mark wherever it is.
     #[cold]
     fn far(&self, [x, y]: [usize; 2], ratio: f64) -> Option<HalfPoint> {
         let (mut found, mut least) = (None, f64::INFINITY);
-        let squared = |column: usize, down: usize| {
-            let across = column.abs_diff(x);
-            (across * across) as f64 + (down * down) as f64 * ratio
-        };
-        let (own, groups) = (y / GROUP, self.any.len().div_ceil(GROUP));
-        for away in 0..groups {
-            // Rows between the point and the nearer one of two groups.
-            let between = (away * GROUP).saturating_sub(GROUP - 1);
-            if squared(x, between) >= least {
+        for across in 0..=2 * self.n {
+            if (across * across) as f64 >= least {
                 break;
             }
-            let south = if away > 0 { own + away } else { groups };
-            for group in [own.wrapping_sub(away), south].into_iter().filter(|&group| group < groups) {
-                let first = group * GROUP;
-                let rows = first..(first + GROUP).min(self.any.len());
-                let nearest_row = y.clamp(first, rows.end - 1);
-                let Some(column) = self.nearest_in_row(&self.groups, group, x) else { continue };
-                if squared(column, nearest_row.abs_diff(y)) >= least {
-                    continue;
-                }
-                for row in rows.filter(|&row| self.any[row]) {
-                    let Some(column) = self.nearest_in_row(&self.bits, row, x) else { continue };
-                    let away = squared(column, row.abs_diff(y));
-                    if away < least {
-                        (found, least) = (Some([column as i16, row as i16]), away);
-                    }
+            for column in [x.wrapping_sub(across), x + across] {
+                let row = if column <= 2 * self.n { self.nearest_in_column(column, y) } else { None };
+                let Some(row) = row else { continue };
+                let squared = (across * across) as f64 + (row.abs_diff(y) * row.abs_diff(y)) as f64 * ratio;
+                if squared < least {
+                    (found, least) = (Some([column as i16, row as i16]), squared);
                 }
             }
         }
         found
     }
 
-    /// Half column of the mark of row `row` of `bits` that is nearest to half column `x`.
-    fn nearest_in_row(&self, bits: &[u64], row: usize, x: usize) -> Option<usize> {
-        let words = &bits[row * self.words + 1..(row + 1) * self.words - 1];
-        let (w, bit) = (x / WORD, x % WORD);
-        // What of the point's own word lies on either side, the point included, at the end that is next to it.
-        let (own_west, own_east) = (words[w] << (WORD - 1 - bit), words[w] >> bit);
-        let west = if own_west != 0 {
-            Some(x - own_west.leading_zeros() as usize)
-        } else {
-            let w = words[..w].iter().rposition(|&word| word != 0);
-            w.map(|w| w * WORD + WORD - 1 - words[w].leading_zeros() as usize)
-        };
-        let east = if own_east != 0 {
-            Some(x + own_east.trailing_zeros() as usize)
-        } else {
-            let w = (w + 1..words.len()).find(|&w| words[w] != 0);
-            w.map(|w| w * WORD + words[w].trailing_zeros() as usize)
-        };
-        match (west, east) {
-            (Some(west), Some(east)) => Some(if x - west <= east - x { west } else { east }),
-            (west, east) => west.or(east),
-        }
+    /// Half row of the nearest mark of a half column.
+    fn nearest_in_column(&self, x: usize, y: usize) -> Option<usize> {
+        let last = 2 * self.n;
+        let within = |row: usize| (row <= last).then_some(row);
+        // Where no mark is nearer than FAR, the next place to ask is that far away.
+        (0..=last).step_by(usize::from(FAR)).find_map(|away| {
+            let asked = [y.checked_sub(away), within(y + away)].into_iter().flatten();
+            let marks = asked.flat_map(|row| {
+                let down = usize::from(self.down(x, row));
+                [row.checked_sub(down), within(row + down)]
+            });
+            marks.flatten().filter(|&row| self.down(x, row) == 0).min_by_key(|row| row.abs_diff(y))
+        })
     }
 }
 
-/// The nearest mark that is less than half a word of half columns away; as [`Marks::nearest`].
-///
-/// Most are. There is nothing to be predicted in the loop but its end.
+/// Half column and squared distance (in units of half an interval across) of the nearest mark, if it is less than [`FAR`]
+/// half rows away.
 struct Near<'a> {
     marks: &'a Marks,
     from: [usize; 2],
-    ratio: f64,
+    ratio: f32,
+}
+
+/// What a query looks at: a half row, by blocks.
+struct Row<'a> {
+    even: &'a [[u8; LANES]],
+    odd: &'a [[u8; LANES]],
+    low: &'a [u8],
+    /// Half column that it asks from.
+    x: usize,
+    ratio: f32,
+}
+
+/// The block with the nearest mark so far, and its squared distance.
+#[derive(Clone, Copy)]
+struct Best {
+    block: usize,
+    squared: f32,
+}
+
+impl Row<'_> {
+    /// Squared distances to the nearest marks of the half columns of a block.
+    #[inline(always)]
+    fn squared(&self, block: usize) -> [[f32; LANES]; 2] {
+        let first = (block * BLOCK) as f32 - self.x as f32;
+        [squared(&self.even[block], first, self.ratio), squared(&self.odd[block], first + 1.0, self.ratio)]
+    }
+
+    /// Looks at a block, the half columns of which are `across` away or more.
+    #[inline(always)]
+    fn look(&self, block: usize, across: f32, best: &mut Best) {
+        let down = f32::from(self.low[block]);
+        if across * across + down * down * self.ratio < best.squared {
+            let squared = least(&self.squared(block));
+            if squared < best.squared {
+                *best = Best { block, squared };
+            }
+        }
+    }
+}
+
+/// Squared distances, of which `down` are the parts along the half columns; the first of these is `first` away across.
+// One operation at a time, on all lanes: so they become vectors.
+#[inline(always)]
+fn squared(down: &[u8; LANES], first: f32, ratio: f32) -> [f32; LANES] {
+    const COLUMNS: [f32; LANES] = [0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0];
+    let (mut whole, mut squared, mut across) = ([0_i32; LANES], [0.0; LANES], [0.0; LANES]);
+    for i in 0..LANES {
+        whole[i] = i32::from(down[i]);
+    }
+    for i in 0..LANES {
+        squared[i] = (whole[i] * whole[i]) as f32 * ratio;
+    }
+    for i in 0..LANES {
+        across[i] = COLUMNS[i] + first;
+    }
+    for i in 0..LANES {
+        squared[i] += across[i] * across[i];
+    }
+    squared
+}
+
+/// The least of some distances. Floats that are not negative are ordered as their bits are, and integers may be compared in
+/// any order.
+#[inline(always)]
+fn least(squared: &[[f32; LANES]; 2]) -> f32 {
+    let mut least = u32::MAX >> 1;
+    for lanes in squared {
+        for squared in lanes {
+            least = least.min(squared.to_bits());
+        }
+    }
+    f32::from_bits(least)
 }
 
 impl Kernel for Near<'_> {
-    type Output = Option<HalfPoint>;
+    type Output = (usize, f32);
 
     #[inline(always)]
-    fn run(self) -> Option<HalfPoint> {
-        const REACH: usize = WORD / 2;
-        let Self { marks: Marks { words, bits, any, .. }, from: [x, y], ratio } = self;
-        let empty = any.len();
-        // The word from REACH half columns west of the point on; the first word of a row is before its first mark.
-        let (w, shift) = ((x + REACH) / WORD, (x + REACH) % WORD);
-        let mut least = (REACH * REACH) as f64;
-        let mut found = [-1_i16; 2];
-        for away in 0..empty {
-            let down = (away * away) as f64 * ratio;
-            if down >= least {
+    fn run(self) -> (usize, f32) {
+        let Self { marks: Marks { stride, down, low, .. }, from: [x, y], ratio } = self;
+        let (even, odd) = down[2 * y * stride..][..2 * stride].split_at(*stride);
+        let count = stride / LANES;
+        let (even, odd) = (even.as_chunks().0, odd.as_chunks().0);
+        let row = Row { even, odd, low: &low[y * count..][..count], x, ratio };
+        let own = x / BLOCK;
+        let mut best = Best { block: own, squared: least(&row.squared(own)) };
+        // From the point to the blocks on either side.
+        let (mut to_west, mut to_east) = ((x % BLOCK + 1) as f32, (BLOCK - x % BLOCK) as f32);
+        for away in 1..count {
+            let (west, east) = (to_west * to_west < best.squared, to_east * to_east < best.squared);
+            if !west && !east {
                 break;
             }
-            for row in [y.wrapping_sub(away), y + away] {
-                let row = if row < empty { row } else { empty };
-                let pair = &bits[row * words + w..][..2];
-                let around = pair[0] >> shift | (pair[1] << 1) << (WORD - 1 - shift);
-                // Bit REACH is the point's own.
-                let east = (around >> REACH).trailing_zeros() as i32;
-                let west = (around << (REACH - 1)).leading_zeros() as i32;
-                let away = if east < west { east } else { west };
-                let squared = f64::from(away * away) + down;
-                let column = x as i32 + if east < west { east } else { -west };
-                let nearer = squared < least;
-                found = if nearer { [column as i16, row as i16] } else { found };
-                least = if nearer { squared } else { least };
+            if west && away <= own {
+                row.look(own - away, to_west, &mut best);
+            }
+            if east && own + away < count {
+                row.look(own + away, to_east, &mut best);
+            }
+            to_west += BLOCK as f32;
+            to_east += BLOCK as f32;
+        }
+        let mut is_best = 0_u32;
+        for (odd, lanes) in row.squared(best.block).iter().enumerate() {
+            for (lane, squared) in lanes.iter().enumerate() {
+                is_best |= u32::from(*squared == best.squared) << (odd * LANES + lane);
             }
         }
-        (found[0] >= 0).then_some(found)
+        let place = is_best.trailing_zeros() as usize % BLOCK;
+        (best.block * BLOCK + 2 * (place % LANES) + place / LANES, best.squared)
     }
-}
-
-/// Word `w` of a row moved by one: bit `i` is the row's bit `i + 1`.
-#[inline]
-fn next(row: &[u64], w: usize) -> u64 {
-    row[w] >> 1 | row.get(w + 1).map_or(0, |word| word << (WORD - 1))
-}
-
-/// Ones at the bits of word `w` that are below `count` in their row.
-#[inline]
-fn within(count: usize, w: usize) -> u64 {
-    match count.saturating_sub(w * WORD) {
-        more @ 0..WORD => (1 << more) - 1,
-        _ => u64::MAX,
-    }
-}
-
-/// The lower 32 bits at the even places.
-#[inline]
-fn spread(bits: u64) -> u64 {
-    let mut x = bits & 0xFFFF_FFFF;
-    x = (x | x << 16) & 0x0000_FFFF_0000_FFFF;
-    x = (x | x << 8) & 0x00FF_00FF_00FF_00FF;
-    x = (x | x << 4) & 0x0F0F_0F0F_0F0F_0F0F;
-    x = (x | x << 2) & 0x3333_3333_3333_3333;
-    (x | x << 1) & 0x5555_5555_5555_5555
 }
 
 #[cfg(test)]
@@ -291,10 +377,7 @@ mod tests {
     /// All marks, one by one.
     fn all(marks: &Marks, n: usize) -> Vec<HalfPoint> {
         let side = 2 * n + 1;
-        let is_marked = |x: usize, y: usize| {
-            let (word, bit) = (y * marks.words + 1 + x / WORD, x % WORD);
-            marks.bits[word] >> bit & 1 == 1
-        };
+        let is_marked = |x: usize, y: usize| marks.down(x, y) == 0;
         let points = (0..side * side).map(|i| (i % side, i / side));
         points.filter(|&(x, y)| is_marked(x, y)).map(|(x, y)| [x as i16, y as i16]).collect()
     }
@@ -324,10 +407,29 @@ mod tests {
                 Some(found) => {
                     let least = marked.iter().map(|&mark| squared(mark, at)).fold(f64::INFINITY, f64::min);
                     assert!(marked.contains(&found), "{found:?} is no mark");
-                    assert!(squared(found, at) <= least * (1.0 + 1e-9), "{at:?}: {found:?}, {half:?}");
+                    assert!(squared(found, at) <= least * (1.0 + 1e-6), "{at:?}: {found:?}, {half:?}");
                 }
             }
         }
+    }
+
+    #[test]
+    fn marks_are_found_from_farther_than_a_byte_can_say() {
+        let n = 512;
+        for (x, y) in [(0, 0), (n, 3), (200, n), (n / 2, n / 2)] {
+            let mut valid = vec![1; (n + 1) * (n + 1)];
+            valid[y * (n + 1) + x] = 0;
+            for half in [(1.0, 1.0), (1.0, 0.1), (0.1, 1.0), (3.0, 4.0)] {
+                let mut marks = Marks::default();
+                marks.outline(&valid, n);
+                nearest_is_nearest(&marks, n, half);
+                marks.places(&valid, &vec![0; n * n], n, false);
+                nearest_is_nearest(&marks, n, half);
+            }
+        }
+        let mut marks = Marks::default();
+        marks.outline(&vec![1; (n + 1) * (n + 1)], n);
+        assert_eq!(marks.nearest([7, 9], (1.0, 1.0)), None);
     }
 
     proptest! {
@@ -342,11 +444,8 @@ mod tests {
             let side = n + 1;
             let valid = samples(side, rarity, seed);
             let at = |x: usize, y: usize| valid[y * side + x];
-            let mut bits = ValidBits::default();
-            bits.fill(&valid, side);
-
             let mut marks = Marks::default();
-            marks.outline(&bits, n);
+            marks.outline(&valid, n);
             let mut expected = Vec::new();
             for y in 0..=2 * n {
                 for x in 0..=2 * n {
@@ -369,7 +468,7 @@ mod tests {
             // Blocks: some of them mixed though their corners are alike.
             let mixed = samples(n, rarity, !seed);
             for kind in [false, true] {
-                marks.places(&bits, &mixed, n, kind);
+                marks.places(&valid, &mixed, n, kind);
                 let is_kind = |x: usize, y: usize| (at(x, y) == 1) == kind;
                 let mut expected = Vec::new();
                 for y in 0..=2 * n {

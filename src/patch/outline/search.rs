@@ -127,6 +127,19 @@ impl Ceilings {
         self.0[fault] = self.0[fault].min(above);
     }
 
+    /// Lowers the ceilings of a square to those of its quarters, which hold `bits`.
+    #[inline]
+    fn lower_to(&mut self, quarters: &[Self; 4], bits: [u8; 4]) {
+        let mut highest = [0.0_f32; 2];
+        for (Self([shown, hidden]), bits) in quarters.iter().zip(bits) {
+            highest[0] = highest[0].max(if bits & HAS_VOID != 0 { *shown } else { 0.0 });
+            highest[1] = highest[1].max(if bits & HAS_VALID != 0 { *hidden } else { 0.0 });
+        }
+        for (own, highest) in self.0.iter_mut().zip(highest) {
+            *own = own.min(highest);
+        }
+    }
+
     /// The highest of some faults.
     #[inline]
     fn highest(self, faults: [bool; 2]) -> f64 {
@@ -191,10 +204,14 @@ impl Pyramid {
     ) -> f64 {
         let bound = Bound { top: finer, ..Bound::default() };
         let mut search = Search { pyramid: self, drawing, cells, bound };
-        if let Some(entered) = search.enter(root, at, [0; 4], true) {
-            let ceiling = search.ceilings(root, at).highest(entered.faults);
-            if !search.bound.settles(ceiling) {
-                search.visit(root, at, entered);
+        let side = search.pyramid.n >> root;
+        let bits = search.pyramid.levels[root].bits[at.1 * side + at.0];
+        if let Some(entered) = search.enter(root, at, bits, [0; 4], true) {
+            let place = (at.1 / 2 * (side / 2) + at.0 / 2, at.1 % 2 * 2 + at.0 % 2);
+            let ceilings = search.ceilings(root, at, bits, place);
+            if !search.bound.settles(ceilings.highest(entered.faults)) {
+                let now = search.visit(root, at, entered, ceilings);
+                search.pyramid.levels[root].ceilings[place.0][place.1] = now;
             }
         }
         search.bound.top
@@ -261,14 +278,17 @@ struct Search<'a, C> {
 }
 
 impl<C: Cells> Search<'_, C> {
-    /// What is to be known of square `(x, y)` of a level; `None` if all of it is drawn as it should be. `drawn` and
-    /// `falling` are those that the square above gives; above the drawn level they are not defined.
-    #[inline]
-    fn enter(&self, level: usize, (x, y): (usize, usize), drawn: Drawn, falling: bool) -> Option<Entered> {
-        let bits = self.pyramid.levels[level].bits[y * (self.pyramid.n >> level) + x];
-        if level > self.drawing.level {
-            return (bits == MIXED).then_some(Entered { drawn, falling, faults: [true; 2] });
-        }
+    /// What is to be known of square `(x, y)` of a level, which holds `bits`; `None` if all of it is drawn as it should be.
+    /// `drawn` and `falling` are those that the square above gives; above the drawn level they are not defined.
+    #[inline(always)]
+    fn enter(
+        &self,
+        level: usize,
+        (x, y): (usize, usize),
+        bits: u8,
+        drawn: Drawn,
+        falling: bool,
+    ) -> Option<Entered> {
         if level < self.drawing.level {
             let faults = faults(bits, drawn);
             return faults.contains(&true).then_some(Entered { drawn, falling, faults });
@@ -276,47 +296,72 @@ impl<C: Cells> Search<'_, C> {
         if bits != MIXED {
             return None;
         }
+        if level > self.drawing.level {
+            return Some(Entered { drawn, falling, faults: [true; 2] });
+        }
         let drawn = self.corners(x, y);
         let faults = faults(bits, drawn);
         let falling = ((x + y) % 2 == 0) != self.drawing.flip;
         faults.contains(&true).then_some(Entered { drawn, falling, faults })
     }
 
-    /// The ceilings of square `(x, y)` of a level.
+    /// The ceilings of square `at` of a level, which are number `quarter` of `family`.
     #[inline]
-    fn ceilings(&mut self, level: usize, (x, y): (usize, usize)) -> &mut Ceilings {
-        let side = self.pyramid.n >> level;
-        let Level { bits, ceilings } = &mut self.pyramid.levels[level];
-        let quarters = (y / 2) * (side / 2) + x / 2;
-        let of_square = &mut ceilings[quarters][y % 2 * 2 + x % 2];
-        if !of_square.is_known() {
-            for (fault, reach) in self.cells.reach(level, (x, y), bits[y * side + x]).into_iter().enumerate()
-            {
-                of_square.lower(fault, reach);
-            }
-            self.pyramid.known.push((level, quarters));
-        }
-        of_square
+    fn ceilings(
+        &mut self,
+        level: usize,
+        at: (usize, usize),
+        bits: u8,
+        (family, quarter): (usize, usize),
+    ) -> Ceilings {
+        let known = self.pyramid.levels[level].ceilings[family][quarter];
+        if known.is_known() { known } else { self.ask(level, at, bits, (family, quarter)) }
     }
 
-    /// Searches square `(x, y)` of a level, which has been entered, and which its ceilings do not settle.
-    fn visit(&mut self, level: usize, (x, y): (usize, usize), entered: Entered) {
+    /// Finds ceilings that are not known yet.
+    #[inline(never)]
+    fn ask(
+        &mut self,
+        level: usize,
+        at: (usize, usize),
+        bits: u8,
+        (family, quarter): (usize, usize),
+    ) -> Ceilings {
+        let of_square = &mut self.pyramid.levels[level].ceilings[family][quarter];
+        for (fault, reach) in self.cells.reach(level, at, bits).into_iter().enumerate() {
+            of_square.lower(fault, reach);
+        }
+        self.pyramid.known.push((level, family));
+        *of_square
+    }
+
+    /// Searches square `(x, y)` of a level, which has been entered, and which its ceilings do not settle. Gives its ceilings, which may be
+    /// lower than they were.
+    fn visit(
+        &mut self,
+        level: usize,
+        (x, y): (usize, usize),
+        entered: Entered,
+        mut own: Ceilings,
+    ) -> Ceilings {
         let Entered { drawn, falling, faults } = entered;
         if level == 0 {
-            let drawn = shares(drawn);
-            let mut ceilings = *self.ceilings(0, (x, y));
-            self.cells.look((x, y), drawn, faults, &mut ceilings, &mut self.bound);
-            *self.ceilings(0, (x, y)) = ceilings;
-            return;
+            self.cells.look((x, y), shares(drawn), faults, &mut own, &mut self.bound);
+            return own;
         }
+        let side = self.pyramid.n >> level;
+        let family = y * side + x;
+        let (north, south) = (4 * y * side + 2 * x, (4 * y + 2) * side + 2 * x);
+        let bits = &self.pyramid.levels[level - 1].bits;
+        let bits = [bits[north], bits[north + 1], bits[south], bits[south + 1]];
         // Those that may be farthest first.
         let (mut order, mut inside) = ([(0.0, 0); 4], [Entered::default(); 4]);
         let mut count = 0;
         for (q, drawn) in quarters(drawn, falling).into_iter().enumerate() {
             let at = (2 * x + q % 2, 2 * y + q / 2);
-            let Some(here) = self.enter(level - 1, at, drawn, falling) else { continue };
+            let Some(here) = self.enter(level - 1, at, bits[q], drawn, falling) else { continue };
             inside[q] = here;
-            let ceiling = self.ceilings(level - 1, at).highest(here.faults);
+            let ceiling = self.ceilings(level - 1, at, bits[q], (family, q)).highest(here.faults);
             let mut place = count;
             while place > 0 && order[place - 1].0 < ceiling {
                 order[place] = order[place - 1];
@@ -330,28 +375,13 @@ impl<C: Cells> Search<'_, C> {
             if self.bound.settles(ceiling) {
                 break;
             }
-            self.visit(level - 1, (2 * x + q % 2, 2 * y + q / 2), inside[q]);
+            let at = (2 * x + q % 2, 2 * y + q / 2);
+            let before = self.pyramid.levels[level - 1].ceilings[family][q];
+            let now = self.visit(level - 1, at, inside[q], before);
+            self.pyramid.levels[level - 1].ceilings[family][q] = now;
         }
-        self.lower(level, (x, y));
-    }
-
-    /// Lowers the ceilings of a square to those of its quarters.
-    fn lower(&mut self, level: usize, (x, y): (usize, usize)) {
-        let side = self.pyramid.n >> level;
-        let Level { bits, ceilings } = &self.pyramid.levels[level - 1];
-        let quarters = ceilings[y * side + x];
-        let (north, south) = (4 * y * side + 2 * x, (4 * y + 2) * side + 2 * x);
-        let mut highest = [0.0_f32; 2];
-        for (at, Ceilings([shown, hidden])) in [north, north + 1, south, south + 1].into_iter().zip(quarters)
-        {
-            let possible = |bit: u8, ceiling: f32| if bits[at] & bit != 0 { ceiling } else { 0.0 };
-            highest[0] = highest[0].max(possible(HAS_VOID, shown));
-            highest[1] = highest[1].max(possible(HAS_VALID, hidden));
-        }
-        let Ceilings(own) = self.ceilings(level, (x, y));
-        for (own, highest) in own.iter_mut().zip(highest) {
-            *own = own.min(highest);
-        }
+        own.lower_to(&self.pyramid.levels[level - 1].ceilings[family], bits);
+        own
     }
 
     /// Validity at the corners of drawn cell `(x, y)`.
