@@ -5,7 +5,7 @@
 //! outline within, and voids have the same few patterns over and over, so each is looked into once for many tiles.
 
 use super::leaf_cell::{Grid, LEAF_HALVINGS};
-use super::search::{Bound, Corners, ONE, quarters, shares};
+use super::search::{Bound, Corners, drawn, quarters, shares};
 use super::shape::{Farthest, Fault, Segments};
 use crate::geo::Spacing;
 use crate::simd;
@@ -100,7 +100,7 @@ impl Patterns {
         if let Some(&fault) = BOTH.get(way) {
             return self.farthest(&samples, &QUARTERS, &[fault], |_| all_of(fault), segments);
         }
-        let corners = [0, 2, 6, 8].map(|i| i32::from(samples[i]) * ONE);
+        let corners = [0, 2, 6, 8].map(|i| drawn(samples[i]));
         let drawn = quarters(corners, way == 2).map(shares);
         self.farthest(&samples, &QUARTERS, &BOTH, |quarter| drawn[quarter], segments)
     }

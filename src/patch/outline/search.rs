@@ -132,11 +132,11 @@ impl Ceilings {
     fn lower_to(&mut self, quarters: &[Self; 4], bits: [u8; 4]) {
         let mut highest = [0.0_f32; 2];
         for (Self([shown, hidden]), bits) in quarters.iter().zip(bits) {
-            highest[0] = highest[0].max(if bits & HAS_VOID != 0 { *shown } else { 0.0 });
-            highest[1] = highest[1].max(if bits & HAS_VALID != 0 { *hidden } else { 0.0 });
+            highest[0] = larger(highest[0], if bits & HAS_VOID != 0 { *shown } else { 0.0 });
+            highest[1] = larger(highest[1], if bits & HAS_VALID != 0 { *hidden } else { 0.0 });
         }
         for (own, highest) in self.0.iter_mut().zip(highest) {
-            *own = own.min(highest);
+            *own = if highest < *own { highest } else { *own };
         }
     }
 
@@ -144,8 +144,14 @@ impl Ceilings {
     #[inline]
     fn highest(self, faults: [bool; 2]) -> f64 {
         let of = |fault: usize| if faults[fault] { self.0[fault] } else { 0.0 };
-        f64::from(of(0).max(of(1)))
+        f64::from(larger(of(0), of(1)))
     }
+}
+
+/// The larger of two numbers, of which none is NaN: that needs no care.
+#[inline]
+fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
 }
 
 /// Cells of a tile and their unions, four by four: level `j` has squares of `2^j` cells.
@@ -387,35 +393,42 @@ impl<C: Cells> Search<'_, C> {
     /// Validity at the corners of drawn cell `(x, y)`.
     fn corners(&self, x: usize, y: usize) -> Drawn {
         let (row, level) = (self.pyramid.n + 1, self.drawing.level);
-        let at = |x: usize, y: usize| i32::from(self.drawing.valid[(y << level) * row + (x << level)]) * ONE;
+        let at = |x: usize, y: usize| drawn(self.drawing.valid[(y << level) * row + (x << level)]);
         [at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)]
     }
 }
 
-/// Validity as drawn at the corners of a square, in units of 1 / [`ONE`]: halved as often as a tile can be, it is exact.
+/// Validity as drawn at the corners of a square, less 1/2, in units of 1 / [`ONE`]: halved as often as a tile can be, it is exact.
 pub(super) type Drawn = [i32; 4];
 /// Validity 1.
-pub(super) const ONE: i32 = 1 << 16;
+const ONE: i32 = 1 << 16;
+
+/// A sample that is drawn as it is, 1 or 0.
+#[inline]
+pub(super) fn drawn(valid: u8) -> i32 {
+    i32::from(valid) * ONE - ONE / 2
+}
 
 /// In units of 1.
 #[inline]
 pub(super) fn shares(drawn: Drawn) -> Corners {
-    drawn.map(|value| f64::from(value) / f64::from(ONE))
+    drawn.map(|value| 0.5 + f64::from(value) / f64::from(ONE))
 }
 
 /// Which faults, of shown and hidden, are possible in a square with these bits, whatever the samples in it.
 #[inline]
 fn faults(bits: u8, [nw, ne, sw, se]: Drawn) -> [bool; 2] {
-    let shown = nw.max(ne).max(sw).max(se) > ONE / 2;
-    let hidden = nw.min(ne).min(sw).min(se) < ONE / 2;
-    [shown && bits & HAS_VOID != 0, hidden && bits & HAS_VALID != 0]
+    // Negative if one of them is: if something is drawn, or not drawn.
+    let (shown, hidden) = (-nw | -ne | -sw | -se, nw | ne | sw | se);
+    [shown < 0 && bits & HAS_VOID != 0, hidden < 0 && bits & HAS_VALID != 0]
 }
 
 /// Values at the corners of the quarters of a square.
 #[inline]
 pub(super) fn quarters([nw, ne, sw, se]: Drawn, falling: bool) -> [Drawn; 4] {
-    let centre = if falling { nw + se } else { ne + sw } / 2;
-    let (north, south, west, east) = ((nw + ne) / 2, (sw + se) / 2, (nw + sw) / 2, (ne + se) / 2);
+    let middle = |a: i32, b: i32| (a + b) >> 1;
+    let centre = if falling { middle(nw, se) } else { middle(ne, sw) };
+    let (north, south, west, east) = (middle(nw, ne), middle(sw, se), middle(nw, sw), middle(ne, se));
     [
         [nw, north, west, centre],
         [north, ne, centre, east],
