@@ -7,6 +7,7 @@
 use crate::patch::TileGeometry;
 use crate::sample::{Coding, Lattice, VALID, code_from_f32};
 use crate::simd::{self, Kernel};
+use crate::states;
 
 /// Bit of [`Blocks::state`]: some sample of the block is valid.
 pub const HAS_VALID: u8 = 1;
@@ -51,12 +52,9 @@ impl Blocks {
             _ => simd::run(LeafBlocks { low: &lattice.code, high: &lattice.code, lattice }),
         };
         for (y, row) in unit.chunks_exact(n).enumerate() {
-            if !row.contains(&(HAS_VALID | HAS_VOID)) {
-                continue;
-            }
-            for (x, _) in row.iter().enumerate().filter(|(_, bits)| **bits == HAS_VALID | HAS_VOID) {
+            states::each_place(row, HAS_VALID | HAS_VOID, |x| {
                 blocks.add_middles(y / 2 * blocks.n + x / 2, (x, y), lattice, coding, geometry);
-            }
+            });
         }
         (unit, blocks)
     }
@@ -72,6 +70,11 @@ impl Blocks {
     ) {
         let corners =
             [lattice.at(x, y), lattice.at(x + 1, y), lattice.at(x, y + 1), lattice.at(x + 1, y + 1)];
+        // A middle is between its ends, and what is valid is within the extremes: most often the fills are as well.
+        let within = |code: i32| coding != Coding::Float64 && self.min[at] <= code && code <= self.max[at];
+        if corners.iter().all(|&i| lattice.state[i] == VALID || within(lattice.code[i])) {
+            return;
+        }
         let valid = corners.map(|i| lattice.state[i] == VALID);
         let diagonal = if geometry.falling(1, x, y) { (0, 3) } else { (1, 2) };
         for (a, b) in [(0, 1), (0, 2), (1, 3), (2, 3), diagonal] {

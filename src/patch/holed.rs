@@ -11,12 +11,12 @@
 //! triangle, so that rounding is what it is in `relevo verify`; but only where a bound on the result says that it matters.
 
 use crate::patch::blocks::{HAS_VALID, HAS_VOID};
-use crate::patch::cell::{Cell, Plane, Vertex};
+use crate::patch::cell::{Cell, Plane};
 use crate::patch::number::Number;
-use crate::patch::rows::narrow_cell;
+use crate::patch::rows::{Drawn, narrow_cell};
 use crate::patch::squares::{Place, Squares};
 use crate::patch::sums::SIDE;
-use crate::sample::VALID;
+use crate::sample::{FILLED, VALID, VOID};
 
 /// Both bits: an outline may run through the unit cell.
 pub const MIXED: u8 = HAS_VALID | HAS_VOID;
@@ -64,7 +64,11 @@ impl<N: Number> Holed<'_, N> {
         }
         let mixed = valid != [true; 4];
         if place.cell.s < SIDE {
-            return if self.exact { self.small(place, worst) } else { self.clipped(place, mixed, worst) };
+            return match (self.exact, place.cell.s) {
+                (true, 2) => self.small::<2>(place, worst),
+                (true, _) => self.small::<4>(place, worst),
+                _ => self.clipped(place, mixed, worst),
+            };
         }
         let [valid, middle] = squares.holed(place, mixed, worst);
         if self.exact {
@@ -105,64 +109,56 @@ impl<N: Number> Holed<'_, N> {
         }
     }
 
-    /// Exact sums: the middles of edges from a valid to a void sample. `worst` is at least the difference at the valid samples that
-    /// are shown; then a middle can be worse only if its void end is.
-    fn edges(&self, place: Place, worst: f64) -> f64 {
-        let cell = place.cell;
-        let [heights, validity] = self.planes(place);
-        let mut worst = worst;
-        self.mixed_units(place, |x, y| {
-            let corners = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
-            let mut worse = false;
-            let vertices = corners.map(|(x, y)| {
-                let index = self.at(place.x + x, place.y + y);
-                let (i, j) = (x as f64, y as f64);
-                let triangle = cell.triangle(i, j);
-                let difference = self.z[index].wide() - heights[triangle].value(i, j);
-                let fine = self.validity(index);
-                worse |= fine == 0.0 && difference.abs() > worst;
-                Vertex { fine, drawn: validity[triangle].value(i, j), difference }
-            });
-            if !worse {
-                return;
-            }
-            let falling = (place.x + x + place.y + y).is_multiple_of(2);
-            for (a, b) in [(0, 1), (0, 2), (1, 3), (2, 3), if falling { (0, 3) } else { (1, 2) }] {
-                let (a, b) = (vertices[a], vertices[b]);
-                if a.fine != b.fine && a.drawn >= 0.5 && b.drawn >= 0.5 {
-                    worst = worst.max(0.5 * (a.difference + b.difference).abs());
+    /// Exact sums, a cell of `S` intervals: 2 or 4.
+    fn small<const S: usize>(&self, place: Place, worst: f64) -> f64 {
+        let samples = self.samples::<S>(place);
+        let [valid, filled, any] = samples.worst.map(|d| d.scaled(1));
+        // Middles are halves.
+        let scale = (2 * S) as f64;
+        let mut most = N::narrow(worst * scale).larger(valid);
+        // The middle of an edge is no worse than the worse one of its ends.
+        if filled > most {
+            let even = (place.x + place.y).is_multiple_of(2);
+            most = most.larger(samples.middles::<S>(even, most));
+        }
+        let mut worst = worst.max(most.wide() / scale);
+        if S == 2 && any > most {
+            let planes = self.planes(place);
+            for triangle in 0..2 {
+                // The outline around the corner at the right angle, or around the other two, crosses a fine edge.
+                let [a, right, b] =
+                    right_angle(place.cell, triangle).map(|i| self.state[self.corners(place)[i]]);
+                if (a == VALID) == (b == VALID) && (a == VALID) != (right == VALID) {
+                    worst = worst.max(self.clipped_triangle(place, triangle, &planes));
                 }
             }
-        });
+        }
         worst
     }
 
-    /// Exact sums, a cell of 2 or 4 intervals.
-    fn small(&self, place: Place, worst: f64) -> f64 {
-        let (cell, s) = (place.cell, place.cell.s);
-        let [heights, validity] = self.planes(place);
-        let mut worst = worst;
-        for y in 0..=s {
-            for x in 0..=s {
-                let index = self.at(place.x + x, place.y + y);
-                let (i, j) = (x as f64, y as f64);
-                let triangle = cell.triangle(i, j);
-                if self.state[index] == VALID && validity[triangle].value(i, j) >= 0.5 {
-                    worst = worst.max((self.z[index].wide() - heights[triangle].value(i, j)).abs());
+    /// The samples of a cell of `S` intervals, if sums are exact.
+    fn samples<const S: usize>(&self, place: Place) -> Samples<N> {
+        let cell = Cell { s: S, ..place.cell };
+        let [a, b, c, d] = self.corners(place);
+        let heights = Drawn::new(cell, [self.z[a], self.z[b], self.z[c], self.z[d]]).values::<S>();
+        let valid = |i: usize| i32::from(self.state[i] == VALID);
+        let validity = Drawn::new(cell, [valid(a), valid(b), valid(c), valid(d)]).values::<S>();
+        let (mut differences, mut kinds) = ([[N::ZERO; 5]; 5], [[VOID; 5]; 5]);
+        let mut worst = [N::ZERO; 3];
+        for v in 0..=S {
+            let from = self.at(place.x, place.y + v);
+            let (z, state) = (&self.z[from..=from + S], &self.state[from..=from + S]);
+            for u in 0..=S {
+                let difference = z[u].scaled(S.trailing_zeros()).minus(heights[v][u]);
+                let kind = if validity[v][u] >= S as i32 / 2 { state[u] } else { VOID };
+                (differences[v][u], kinds[v][u]) = (difference, kind);
+                for (worst, counts) in worst.iter_mut().zip([kind == VALID, kind == FILLED, state[u] != VOID])
+                {
+                    *worst = worst.larger(if counts { difference.magnitude() } else { N::ZERO });
                 }
             }
         }
-        worst = self.edges(place, worst);
-        if s == 2 {
-            for triangle in 0..2 {
-                // The outline around the corner at the right angle, or around the other two, crosses a fine edge.
-                let [a, right, b] = right_angle(cell, triangle).map(|i| self.state[self.corners(place)[i]]);
-                if (a == VALID) == (b == VALID) && (a == VALID) != (right == VALID) {
-                    worst = worst.max(self.clipped_triangle(place, triangle, &[heights, validity]));
-                }
-            }
-        }
-        worst
+        Samples { differences, kinds, worst }
     }
 
     /// Triangle by triangle.
@@ -178,6 +174,39 @@ impl<N: Number> Holed<'_, N> {
             worst = worst.max(self.clipped_triangle(place, triangle, &planes));
         }
         worst
+    }
+}
+
+/// Samples of a cell of 2 or 4 intervals, row by row.
+struct Samples<N> {
+    /// `s (z - D)`.
+    differences: [[N; 5]; 5],
+    /// States where the drawn surface is shown, elsewhere `VOID`.
+    kinds: [[u8; 5]; 5],
+    /// Largest `s |z - D|`: at the valid samples that are shown, at the fills that are, and at all samples but those without a fill.
+    worst: [N; 3],
+}
+
+impl<N: Number> Samples<N> {
+    /// Largest `2 s |z - D|` in the middles of edges from a valid to a void sample of a cell of `S` intervals, if that is more than `most`.
+    /// Samples whose column and row add up to an even number have diagonals; `even` says so of the first.
+    fn middles<const S: usize>(&self, even: bool, most: N) -> N {
+        let mut most = most;
+        for (v, u) in (0..=S).flat_map(|v| (0..=S).map(move |u| (v, u))) {
+            let filled = self.differences[v][u];
+            if self.kinds[v][u] != FILLED || filled.scaled(1).magnitude() <= most {
+                continue;
+            }
+            let diagonals = (u + v).is_multiple_of(2) == even;
+            for y in v.saturating_sub(1)..=S.min(v + 1) {
+                for x in u.saturating_sub(1)..=S.min(u + 1) {
+                    if self.kinds[y][x] == VALID && (diagonals || x == u || y == v) {
+                        most = most.larger(filled.plus(self.differences[y][x]).magnitude());
+                    }
+                }
+            }
+        }
+        most
     }
 }
 

@@ -40,6 +40,27 @@ impl<N: Number> Drawn<N> {
         };
         Self { cell, bits, start: a.scaled(bits), across: b.minus(a), down, bend }
     }
+
+    /// `s D` at the samples of a cell of `S <= 4` intervals, row by row, where sums are exact: the order of these is another.
+    #[inline(always)]
+    pub fn values<const S: usize>(&self) -> [[N; 5]; 5] {
+        let falling = self.cell.falling;
+        // What the bend does from one row to the next in the first column, and along a row where it does something.
+        let (first, along) =
+            if falling { (self.bend, N::ZERO.minus(self.bend)) } else { (N::ZERO, self.bend) };
+        let mut out = [[N::ZERO; 5]; 5];
+        let mut west = self.start;
+        for (v, row) in out.iter_mut().enumerate().take(S + 1) {
+            let mut next = west;
+            for (u, value) in row.iter_mut().enumerate().take(S + 1) {
+                *value = next;
+                let bent = if falling { u < v } else { u + v >= S };
+                next = next.plus(self.across).plus(if bent { along } else { N::ZERO });
+            }
+            west = west.plus(self.down).plus(first);
+        }
+        out
+    }
 }
 
 /// Largest `s |z - D|` over the valid samples of a cell of `s <= 8` intervals whose corners are valid: the same sums, one by one.
