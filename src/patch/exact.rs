@@ -203,7 +203,7 @@ mod tests {
     use crate::geo::Spacing;
     use crate::patch::blocks::Blocks;
     use crate::patch::cell::{Vertex, shown_difference};
-    use crate::sample::{FILLED, VALID, code_from_f32};
+    use crate::sample::{FILLED, VALID, VOID, code_from_f32};
     use proptest::prelude::*;
 
     /// A tile of rough terrain with round voids and single void samples.
@@ -224,7 +224,25 @@ mod tests {
             lattice.state[index] = if void { FILLED } else { VALID };
             lattice.code[index] = height(random());
         }
+        let filled: Vec<bool> = (0..lattice.state.len()).map(|index| is_settled(&lattice, index)).collect();
+        for (state, _) in
+            lattice.state.iter_mut().zip(filled).filter(|(state, filled)| **state == FILLED && !filled)
+        {
+            *state = VOID;
+        }
         lattice
+    }
+
+    /// True if a sample has a valid one around it, at a spacing that it belongs to.
+    fn is_settled(lattice: &Lattice, index: usize) -> bool {
+        let n = lattice.n;
+        let (x, y) = (index % (n + 1), index / (n + 1));
+        let spacings = (0..=n.trailing_zeros()).map(|bits| 1 << bits);
+        spacings.filter(|&s| x.is_multiple_of(s) && y.is_multiple_of(s)).any(|s| {
+            let around = (0..9).map(|i| (x + i % 3 * s, y + i / 3 * s));
+            let inside = |&(x, y): &(usize, usize)| (s..=n + s).contains(&x) && (s..=n + s).contains(&y);
+            around.filter(inside).any(|(x, y)| lattice.state[lattice.at(x - s, y - s)] == VALID)
+        })
     }
 
     /// The largest difference of every square of a size: all fine triangles, clipped.

@@ -17,6 +17,7 @@ use crate::patch::rows::{Drawn, narrow_cell};
 use crate::patch::squares::{Place, Squares};
 use crate::patch::sums::SIDE;
 use crate::sample::{FILLED, VALID, VOID};
+use crate::states;
 
 /// Both bits: an outline may run through the unit cell.
 pub const MIXED: u8 = HAS_VALID | HAS_VOID;
@@ -99,13 +100,7 @@ impl<N: Number> Holed<'_, N> {
         for y in 0..place.cell.s {
             let from = (place.y + y) * self.n + place.x;
             let row = &self.unit[from..from + place.cell.s];
-            // Most rows of most cells have no outline, and this is a fast way to see it.
-            if !row.contains(&MIXED) {
-                continue;
-            }
-            for (x, _) in row.iter().enumerate().filter(|(_, bits)| **bits == MIXED) {
-                visit(x, y);
-            }
+            states::each_place(row, MIXED, |x| visit(x, y));
         }
     }
 
