@@ -7,11 +7,15 @@ use crate::states;
 
 /// The lower median of the codes of the valid samples around the void one at index `at`; `None` if there is none.
 pub fn lower_median(codes: &[i32], state: &[u8], stage: Stage, at: usize) -> Option<i32> {
+    let (mut near, mut count) = ([i64::MAX; 8], 0);
     // A place outside the lattice is the void sample itself.
-    let around = stage.around(at);
-    let count = around.iter().filter(|&&place| state[place] == VALID).count();
-    let near = around.map(|place| if state[place] == VALID { codes[place] } else { i32::MAX });
-    states::median_of(near.map(i64::from), count).map(|code| code as i32)
+    for &place in &stage.around(at) {
+        if state[place] == VALID {
+            near[count] = i64::from(codes[place]);
+            count += 1;
+        }
+    }
+    states::median_of(near, count).map(|code| code as i32)
 }
 
 /// Whether a sample of row `y` may have a valid one around it, `h` samples away, column by column into `near`: most void samples have
