@@ -137,6 +137,20 @@ impl Samples {
         }
     }
 
+    /// No samples of a type.
+    pub fn none(sample_type: SampleType) -> Self {
+        match sample_type {
+            SampleType::Int8 => Self::Int8(Vec::new()),
+            SampleType::Uint8 => Self::Uint8(Vec::new()),
+            SampleType::Int16 => Self::Int16(Vec::new()),
+            SampleType::Uint16 => Self::Uint16(Vec::new()),
+            SampleType::Int32 => Self::Int32(Vec::new()),
+            SampleType::Uint32 => Self::Uint32(Vec::new()),
+            SampleType::Float32 => Self::Float32(Vec::new()),
+            SampleType::Float64 => Self::Float64(Vec::new()),
+        }
+    }
+
     /// The sample at an index as a float64, which holds every type exactly; NaN beyond the end.
     #[expect(clippy::useless_conversion, reason = "of one of the eight variants only")]
     pub fn value(&self, index: usize) -> f64 {
@@ -215,6 +229,11 @@ pub trait Source: Send + Sync {
 
     /// The files as they are on disk now: differs from what it was as soon as one of them has been written to, replaced or removed.
     fn fingerprint(&self) -> Result<Fingerprint>;
+
+    /// Takes back a window that is of no more use: its memory may serve the next one.
+    fn take_back(&self, window: Window) {
+        drop(window);
+    }
 
     /// Lets go of memory and files that are kept for a next window; a later window only takes longer.
     fn release(&self) {}

@@ -53,6 +53,10 @@ impl Source for Stated {
         self.source.read_window(columns, rows)
     }
 
+    fn take_back(&self, window: Window) {
+        self.source.take_back(window);
+    }
+
     fn fingerprint(&self) -> Result<Fingerprint> {
         self.source.fingerprint()
     }

@@ -71,30 +71,29 @@ impl Band {
         }
     }
 
-    /// Samples of a window, which must lie inside the raster; `fill` where a sparse file has no block.
+    /// Writes the samples of a window, which must lie inside the raster, over `samples`; `fill` where a sparse file has no block.
     pub(super) fn window<T: Number>(
         &self,
         columns: &Range<u32>,
         rows: &Range<u32>,
         fill: T,
-    ) -> Result<Vec<T>> {
+        samples: &mut Vec<T>,
+    ) -> Result<()> {
         let layout = &self.layout;
-        let mut samples = parts::room(columns, rows)?;
+        parts::room(samples, columns, rows)?;
         if samples.is_empty() {
-            return Ok(samples);
+            return Ok(());
         }
         if layout.is_direct() && !layout.tiled && layout.bands == 1 && columns.len() == layout.width as usize
         {
-            direct::rows(self, rows, &mut samples, fill)?;
-            return Ok(samples);
+            return direct::rows(self, rows, samples, fill);
         }
-        let parts = parts::split(layout, columns, rows, &mut samples);
+        let parts = parts::split(layout, columns, rows, samples);
         if layout.is_direct() {
-            direct::parts(self, parts, fill)?;
+            direct::parts(self, parts, fill)
         } else {
-            self.decode_parts(columns, rows, parts, fill)?;
+            self.decode_parts(columns, rows, parts, fill)
         }
-        Ok(samples)
     }
 
     /// Lends the buffers of one thread.

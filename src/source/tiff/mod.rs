@@ -18,7 +18,7 @@ pub(in crate::source) mod raster;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tiff::Directory;
 use tiff::tags::Tag;
@@ -42,6 +42,8 @@ pub struct TiffSource {
     info: SourceInfo,
     heights: Band,
     mask: Option<Band>,
+    /// Memory of a window that has been taken back.
+    spare: Mutex<Option<Window>>,
 }
 
 impl TiffSource {
@@ -67,22 +69,27 @@ impl TiffSource {
             None => external_mask(path, &layout, limits)?,
         };
         drop(reader);
-        Ok(Self { info, heights: Band::new(file, layout), mask })
+        Ok(Self { info, heights: Band::new(file, layout), mask, spare: Mutex::default() })
     }
 
-    fn samples(&self, columns: &Range<u32>, rows: &Range<u32>) -> Result<Samples> {
+    /// Writes the samples of a window over `out`, which are of the file's type.
+    fn samples(&self, columns: &Range<u32>, rows: &Range<u32>, out: &mut Samples) -> Result<()> {
         let fill = self.info.nodata.unwrap_or(0.0);
         let (band, whole) = (&self.heights, fill.round());
-        Ok(match self.info.sample_type {
-            SampleType::Int8 => Samples::Int8(band.window(columns, rows, whole as i8)?),
-            SampleType::Uint8 => Samples::Uint8(band.window(columns, rows, whole as u8)?),
-            SampleType::Int16 => Samples::Int16(band.window(columns, rows, whole as i16)?),
-            SampleType::Uint16 => Samples::Uint16(band.window(columns, rows, whole as u16)?),
-            SampleType::Int32 => Samples::Int32(band.window(columns, rows, whole as i32)?),
-            SampleType::Uint32 => Samples::Uint32(band.window(columns, rows, whole as u32)?),
-            SampleType::Float32 => Samples::Float32(band.window(columns, rows, fill as f32)?),
-            SampleType::Float64 => Samples::Float64(band.window(columns, rows, fill)?),
-        })
+        match out {
+            Samples::Int8(out) => band.window(columns, rows, whole as i8, out),
+            Samples::Uint8(out) => band.window(columns, rows, whole as u8, out),
+            Samples::Int16(out) => band.window(columns, rows, whole as i16, out),
+            Samples::Uint16(out) => band.window(columns, rows, whole as u16, out),
+            Samples::Int32(out) => band.window(columns, rows, whole as i32, out),
+            Samples::Uint32(out) => band.window(columns, rows, whole as u32, out),
+            Samples::Float32(out) => band.window(columns, rows, fill as f32, out),
+            Samples::Float64(out) => band.window(columns, rows, fill, out),
+        }
+    }
+
+    fn spare(&self) -> MutexGuard<'_, Option<Window>> {
+        self.spare.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -93,12 +100,27 @@ impl Source for TiffSource {
 
     fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window> {
         super::check_window(&self.info, &columns, &rows)?;
-        let samples = self.samples(&columns, &rows).map_err(|error| error.at(self.heights.file.path()))?;
-        let mask = self
-            .mask
-            .as_ref()
-            .map(|mask| mask.window(&columns, &rows, 0_u8).map_err(|error| error.at(mask.file.path())));
-        Ok(Window { samples, mask: mask.transpose()? })
+        let spare = self.spare().take().filter(|spare| spare.samples.sample_type() == self.info.sample_type);
+        let mut window =
+            spare.unwrap_or_else(|| Window { samples: Samples::none(self.info.sample_type), mask: None });
+        let heights = self.samples(&columns, &rows, &mut window.samples);
+        heights.map_err(|error| error.at(self.heights.file.path()))?;
+        match &self.mask {
+            None => window.mask = None,
+            Some(mask) => {
+                let out = window.mask.get_or_insert_default();
+                mask.window(&columns, &rows, 0_u8, out).map_err(|error| error.at(mask.file.path()))?;
+            }
+        }
+        Ok(window)
+    }
+
+    fn take_back(&self, window: Window) {
+        *self.spare() = Some(window);
+    }
+
+    fn release(&self) {
+        *self.spare() = None;
     }
 
     fn fingerprint(&self) -> Result<Fingerprint> {

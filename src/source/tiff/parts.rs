@@ -41,11 +41,18 @@ impl<T: Number> Part<'_, T> {
     }
 }
 
-/// Room for so many samples. Fresh memory is zero already: nothing writes it twice.
-pub(super) fn room<T: Number>(columns: &Range<u32>, rows: &Range<u32>) -> Result<Vec<T>> {
-    T::new_vec_zeroed(columns.len().saturating_mul(rows.len())).map_err(|_| {
+/// Makes room for so many samples, which are to be written over. Fresh memory is zero already: nothing writes it twice.
+pub(super) fn room<T: Number>(samples: &mut Vec<T>, columns: &Range<u32>, rows: &Range<u32>) -> Result<()> {
+    let count = columns.len().saturating_mul(rows.len());
+    if count <= samples.capacity() {
+        samples.resize(count, T::new_zeroed());
+        return Ok(());
+    }
+    *samples = Vec::new();
+    *samples = T::new_vec_zeroed(count).map_err(|_| {
         Error::usage(format!("not enough memory for {} rows of {} samples", rows.len(), columns.len()))
-    })
+    })?;
+    Ok(())
 }
 
 /// The parts of a window in the order of their blocks; `out` has the samples of the window, at least one.
@@ -86,7 +93,8 @@ mod tests {
     #[test]
     fn every_sample_of_a_window_belongs_to_the_block_that_it_lies_in() {
         for (columns, rows) in [(0..10, 0..10), (3..7, 2..9), (4..8, 5..6), (9..10, 0..1), (2..3, 0..10)] {
-            let mut out = room::<u32>(&columns, &rows).expect("memory");
+            let mut out = vec![7_u32; 30];
+            room(&mut out, &columns, &rows).expect("memory");
             let layout = layout(10, 10, 4, 3);
             let mut blocks = Vec::new();
             for mut part in split(&layout, &columns, &rows, &mut out) {
