@@ -170,6 +170,15 @@ impl Lattice {
         }
     }
 
+    /// Makes it what [`Lattice::new`] gives, in the memory that it has.
+    pub fn reset(&mut self, n: usize, coding: Coding) {
+        let count = (n + 1) * (n + 1);
+        self.n = n;
+        refill(&mut self.code, count, 0);
+        refill(&mut self.low, if coding.has_low() { count } else { 0 }, 0);
+        refill(&mut self.state, count, VOID);
+    }
+
     /// Index of column `x`, row `y`.
     #[inline]
     pub fn at(&self, x: usize, y: usize) -> usize {
@@ -187,6 +196,13 @@ impl Lattice {
     pub fn value(&self, index: usize, coding: Coding) -> f64 {
         coding.value(self.code[index], self.low_at(index))
     }
+}
+
+/// Makes a plane `count` times the same.
+pub fn refill<T: Copy>(plane: &mut Vec<T>, count: usize, value: T) {
+    plane.clear();
+    plane.reserve_exact(count);
+    plane.resize(count, value);
 }
 
 #[cfg(test)]

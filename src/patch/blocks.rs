@@ -5,7 +5,7 @@
 //! also take in the midpoints of edges between a valid and a void sample: there the surface ends.
 
 use crate::patch::TileGeometry;
-use crate::sample::{Coding, Lattice, VALID, code_from_f32};
+use crate::sample::{Coding, Lattice, VALID, code_from_f32, refill};
 use crate::simd::{self, Kernel};
 use crate::states;
 
@@ -34,29 +34,39 @@ pub fn extreme_coding(coding: Coding) -> Coding {
 }
 
 impl Blocks {
-    /// Blocks that are all void.
-    pub fn void(n: usize) -> Self {
-        let count = n * n;
-        Self { n, min: vec![i32::MAX; count], max: vec![i32::MIN; count], state: vec![HAS_VOID; count] }
+    /// Makes all blocks void, `n` on a side.
+    pub fn reset(&mut self, n: usize) {
+        self.n = n;
+        refill(&mut self.min, n * n, i32::MAX);
+        refill(&mut self.max, n * n, i32::MIN);
+        refill(&mut self.state, n * n, HAS_VOID);
     }
 
     /// Of a leaf tile: the occupancy of its unit cells, row by row, and the blocks of two intervals that its parent takes over.
+    #[cfg(test)]
+    pub fn of_leaf(lattice: &Lattice, coding: Coding, geometry: &TileGeometry) -> (Vec<u8>, Self) {
+        let mut blocks = Self::default();
+        (blocks.set_leaf(lattice, coding, geometry), blocks)
+    }
+
+    /// Becomes the blocks of two intervals of a leaf tile, which its parent takes over; gives the occupancy of the unit cells, row by row.
     ///
     /// The extremes of the unit cells themselves are of use to nobody.
-    pub fn of_leaf(lattice: &Lattice, coding: Coding, geometry: &TileGeometry) -> (Vec<u8>, Self) {
+    pub fn set_leaf(&mut self, lattice: &Lattice, coding: Coding, geometry: &TileGeometry) -> Vec<u8> {
         let n = lattice.n;
-        let (unit, mut blocks) = match coding {
+        let unit = match coding {
             Coding::Float64 => {
-                simd::run(LeafBlocks { low: &outward(lattice, 0), high: &outward(lattice, 1), lattice })
+                let (low, high) = (outward(lattice, 0), outward(lattice, 1));
+                simd::run(LeafBlocks { low: &low, high: &high, lattice, out: self })
             }
-            _ => simd::run(LeafBlocks { low: &lattice.code, high: &lattice.code, lattice }),
+            _ => simd::run(LeafBlocks { low: &lattice.code, high: &lattice.code, lattice, out: self }),
         };
         for (y, row) in unit.chunks_exact(n).enumerate() {
             states::each_place(row, HAS_VALID | HAS_VOID, |x| {
-                blocks.add_middles(y / 2 * blocks.n + x / 2, (x, y), lattice, coding, geometry);
+                self.add_middles(y / 2 * self.n + x / 2, (x, y), lattice, coding, geometry);
             });
         }
-        (unit, blocks)
+        unit
     }
 
     /// Takes in the midpoints of the edges between a valid and a void sample of a unit cell.
@@ -86,10 +96,9 @@ impl Blocks {
         }
     }
 
-    /// The same surface in blocks twice as large: what a parent takes over from this tile.
-    #[must_use]
-    pub fn halved(&self) -> Self {
-        simd::run(Halved(self))
+    /// The same surface in blocks twice as large: what a parent takes over from this tile. Writes over `out`.
+    pub fn halve(&self, out: &mut Self) {
+        simd::run(Halved { of: self, out });
     }
 
     /// Puts the halved blocks of the child in quadrant `quadrant` in their place.
@@ -149,25 +158,29 @@ struct LeafBlocks<'a> {
     low: &'a [i32],
     high: &'a [i32],
     lattice: &'a Lattice,
+    out: &'a mut Blocks,
 }
 
 impl Kernel for LeafBlocks<'_> {
-    type Output = (Vec<u8>, Blocks);
+    type Output = Vec<u8>;
 
     #[inline(always)]
-    fn run(self) -> (Vec<u8>, Blocks) {
+    fn run(self) -> Vec<u8> {
         let n = self.lattice.n;
-        let half = n / 2;
         let mut unit = Vec::with_capacity(n * n);
-        let (mut min, mut max) = (Vec::with_capacity(half * half), Vec::with_capacity(half * half));
+        let Blocks { mut min, mut max, mut state, .. } = std::mem::take(self.out);
+        for extremes in [&mut min, &mut max] {
+            extremes.clear();
+            extremes.reserve_exact(n / 2 * (n / 2));
+        }
         // Of the columns of three rows, or two: extremes, and bits.
         let (mut low, mut high, mut bits) = (vec![0; n + 1], vec![0; n + 1], vec![0; n + 1]);
         let mut joined = vec![0; n];
         for y in (0..n).step_by(2) {
             let rows = [0, 1, 2].map(|i| (y + i) * (n + 1)..(y + i + 1) * (n + 1));
-            let state = rows.clone().map(|row| &self.lattice.state[row]);
+            let states = rows.clone().map(|row| &self.lattice.state[row]);
             let mut all = 0;
-            for (north, south) in [(state[0], state[1]), (state[1], state[2])] {
+            for (north, south) in [(states[0], states[1]), (states[1], states[2])] {
                 for ((bits, &a), &b) in bits.iter_mut().zip(north).zip(south) {
                     *bits = bit(a) | bit(b);
                     all |= *bits;
@@ -178,17 +191,18 @@ impl Kernel for LeafBlocks<'_> {
             column_extremes(
                 &mut low,
                 rows.clone().map(|row| &self.low[row]),
-                state,
+                states,
                 full,
                 i32::MAX,
                 i32::min,
             );
-            column_extremes(&mut high, rows.map(|row| &self.high[row]), state, full, i32::MIN, i32::max);
+            column_extremes(&mut high, rows.map(|row| &self.high[row]), states, full, i32::MIN, i32::max);
             add_threes(&mut min, &low, &mut joined, i32::min);
             add_threes(&mut max, &high, &mut joined, i32::max);
         }
-        let state = quartered(&unit, n, |a, b| a | b);
-        (unit, Blocks { n: half, min, max, state })
+        quartered(&unit, n, |a, b| a | b, &mut state);
+        *self.out = Blocks { n: n / 2, min, max, state };
+        unit
     }
 }
 
@@ -237,27 +251,29 @@ fn bit(state: u8) -> u8 {
 }
 
 /// Blocks twice as large.
-struct Halved<'a>(&'a Blocks);
+struct Halved<'a> {
+    of: &'a Blocks,
+    out: &'a mut Blocks,
+}
 
 impl Kernel for Halved<'_> {
-    type Output = Blocks;
+    type Output = ();
 
     #[inline(always)]
-    fn run(self) -> Blocks {
-        let Blocks { n, min, max, state } = self.0;
-        Blocks {
-            n: n / 2,
-            min: quartered(min, *n, i32::min),
-            max: quartered(max, *n, i32::max),
-            state: quartered(state, *n, |a, b| a | b),
-        }
+    fn run(self) {
+        let Self { of: Blocks { n, min, max, state }, out } = self;
+        out.n = n / 2;
+        quartered(min, *n, i32::min, &mut out.min);
+        quartered(max, *n, i32::max, &mut out.max);
+        quartered(state, *n, |a, b| a | b, &mut out.state);
     }
 }
 
 /// Every 2 x 2 of a square `n` wide made one.
 #[inline(always)]
-fn quartered<T: Copy + Default>(square: &[T], n: usize, join: impl Fn(T, T) -> T + Copy) -> Vec<T> {
-    let mut out = Vec::with_capacity(n / 2 * (n / 2));
+fn quartered<T: Copy + Default>(square: &[T], n: usize, join: impl Fn(T, T) -> T + Copy, out: &mut Vec<T>) {
+    out.clear();
+    out.reserve_exact(n / 2 * (n / 2));
     let mut joined = vec![T::default(); n];
     for rows in square.chunks_exact(2 * n) {
         let (north, south) = rows.split_at(n);
@@ -266,7 +282,6 @@ fn quartered<T: Copy + Default>(square: &[T], n: usize, join: impl Fn(T, T) -> T
         }
         out.extend(joined.chunks_exact(2).map(|pair| join(pair[0], pair[1])));
     }
-    out
 }
 
 /// Occupancy of blocks twice as large, as [`Blocks::state`]; `n` is the number of blocks on a side before.
@@ -284,7 +299,9 @@ impl Kernel for Reduced<'_> {
 
     #[inline(always)]
     fn run(self) -> Vec<u8> {
-        quartered(self.state, self.n, |a, b| a | b)
+        let mut out = Vec::new();
+        quartered(self.state, self.n, |a, b| a | b, &mut out);
+        out
     }
 }
 
@@ -309,8 +326,11 @@ mod tests {
                 lattice.state[i] = if kind == 0 && i > 100 { FILLED } else { VALID };
             }
             let geometry = TileGeometry { n, patch: 4, odd, spacing, metres: 1.0 };
-            let (unit, blocks) = Blocks::of_leaf(&lattice, coding, &geometry);
-            let mut expected = Blocks::void(n / 2);
+            // Whatever they were before.
+            let (mut blocks, mut expected) = (Blocks::default(), Blocks::default());
+            blocks.reset(n);
+            let unit = blocks.set_leaf(&lattice, coding, &geometry);
+            expected.reset(n / 2);
             expected.state.fill(0);
             for (x, y) in (0..n * n).map(|i| (i % n, i / n)) {
                 let block = y / 2 * (n / 2) + x / 2;

@@ -1,31 +1,97 @@
-//! Buffers of the threads of a build, kept from row to row.
+//! Memory that serves one tile after the other: what a thread works in, and the planes of lattices and blocks.
+//!
+//! Planes are made by one thread and dropped by another. Allocators that keep memory apart for every thread would keep for each of them the most
+//! that it ever had; so what is of no more use waits here for the next tile.
 
-use std::sync::{Mutex, PoisonError};
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::codec::Scratch;
+use crate::container::writer::TileChunks;
+use crate::patch::blocks::Blocks;
+use crate::sample::Lattice;
 
-/// Buffers that no thread is using.
+/// Memory that nobody is using.
 #[derive(Default)]
-pub struct Buffers(Mutex<Vec<Scratch>>);
+pub struct Buffers {
+    threads: Mutex<Vec<(Scratch, TileChunks)>>,
+    /// Lattices, by their intervals on a side.
+    pub lattices: Spares<Lattice>,
+    /// Blocks, by their number on a side.
+    pub blocks: Spares<Blocks>,
+}
 
 /// Buffers of a thread while it works on some tiles; they go back by themselves.
 pub struct Lent<'a> {
-    /// The buffers.
+    /// Of the codec.
     pub scratch: Scratch,
-    owner: &'a Buffers,
+    /// Chunks in the making: with more room than they take in the end.
+    pub chunks: TileChunks,
+    /// Where they are from.
+    pub owner: &'a Buffers,
 }
 
 impl Buffers {
     /// Some that have been used before, if there are any.
     pub fn lend(&self) -> Lent<'_> {
-        let scratch = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default();
-        Lent { scratch, owner: self }
+        let (scratch, chunks) = lock(&self.threads).pop().unwrap_or_default();
+        Lent { scratch, chunks, owner: self }
     }
 }
 
 impl Drop for Lent<'_> {
     fn drop(&mut self) {
-        let scratch = std::mem::take(&mut self.scratch);
-        self.owner.0.lock().unwrap_or_else(PoisonError::into_inner).push(scratch);
+        let buffers = (std::mem::take(&mut self.scratch), std::mem::take(&mut self.chunks));
+        lock(&self.owner.threads).push(buffers);
+    }
+}
+
+/// Things of one kind by their size, to be written anew.
+#[derive(Default)]
+pub struct Spares<T>(Mutex<BTreeMap<usize, Shelf<T>>>);
+
+#[derive(Default)]
+struct Shelf<T> {
+    spare: Vec<T>,
+    lent: usize,
+}
+
+impl<T: Default> Spares<T> {
+    /// One of this size, whatever is in it; an empty one if there is no other.
+    pub fn take(&self, size: usize) -> T {
+        let mut shelves = lock(&self.0);
+        let shelf = shelves.entry(size).or_default();
+        shelf.lent += 1;
+        shelf.spare.pop().unwrap_or_default()
+    }
+
+    /// Takes one back. What was made elsewhere may come too, and is kept if fewer have come back than were taken: there are never more
+    /// than were in use at a time.
+    pub fn give(&self, size: usize, thing: T) {
+        let mut shelves = lock(&self.0);
+        let shelf = shelves.entry(size).or_default();
+        if shelf.lent > 0 {
+            shelf.lent -= 1;
+            shelf.spare.push(thing);
+        }
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_more_are_kept_than_were_in_use() {
+        let spares = Spares::<Vec<u8>>::default();
+        assert!(spares.take(3).is_empty() && spares.take(3).is_empty());
+        for i in 0..4 {
+            spares.give(3, vec![i]);
+        }
+        assert_eq!([3, 4, 3, 3].map(|size| spares.take(size)), [vec![1], vec![], vec![0], vec![]]);
     }
 }

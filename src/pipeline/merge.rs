@@ -7,6 +7,7 @@ use crate::container::metadata::{LevelNote, LevelStatistics, Metadata, SourceNot
 use crate::container::work::{Earlier, WorkFolder};
 use crate::container::writer::ContainerWriter;
 use crate::error::{Error, Result};
+use crate::pipeline::buffers::Buffers;
 use crate::pipeline::imagery::{self, Imagery};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::reach::{Extent, Reach};
@@ -75,7 +76,8 @@ fn pass_all(
 ) -> Result<Done> {
     let seam = SeamFile::create(writer.work().folder().join("seam-0"))?;
     let all = Extent::of_level(plan, plan.levels);
-    let mut sweep = Sweep::new(plan, Reach::new(plan, &all), (writer, tally), seams, seam);
+    let buffers = Buffers::default();
+    let mut sweep = Sweep::new((plan, &buffers), Reach::new(plan, &all), (writer, tally), seams, seam);
     for y in all.rows.clone() {
         if observer.cancelled() {
             return Err(Error::Interrupted);

@@ -5,6 +5,7 @@
 use crate::error::{Error, Result};
 use crate::patch::Errors;
 use crate::patch::blocks::Blocks;
+use crate::pipeline::buffers::Buffers;
 use crate::pipeline::bytes::{Reader, Writer, unpacked};
 use crate::pipeline::plan::Plan;
 use crate::sample::{Coding, FILLED, Lattice, VALID, VOID};
@@ -47,6 +48,13 @@ impl Quarter {
             errors,
             range,
         }
+    }
+
+    /// The errors alone: the rest has been placed.
+    pub fn into_errors(self, buffers: &Buffers) -> Errors {
+        buffers.lattices.give(self.lattice.n, self.lattice);
+        buffers.blocks.give(self.blocks.n, self.blocks);
+        self.errors
     }
 
     /// The quarter as bytes.

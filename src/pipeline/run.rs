@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use crate::container::work::{Earlier, NewState, WorkFolder};
 use crate::container::writer::{ContainerWriter, Mark};
 use crate::error::{Error, Result};
+use crate::pipeline::buffers::Buffers;
 use crate::pipeline::checkpoint::Checkpoints;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::reach::{Extent, Reach};
@@ -131,10 +132,11 @@ impl Begun {
         let seam = SeamFile::create(writer.work().folder().join(&name))?;
         state.seam = (name, 0);
         let reach = Reach::new(plan, &state.window);
-        let sweep = Sweep::new(plan, reach, (writer, state.tally.clone()), seams, seam);
+        let buffers = Buffers::default();
+        let sweep = Sweep::new((plan, &buffers), reach, (writer, state.tally.clone()), seams, seam);
         let checkpoints = Checkpoints::new(options.checkpoint.unwrap_or(CHECKPOINT), resumed);
         let window = state.window.clone();
-        let mut run = Run { source, plan, observer, window, state, sweep, checkpoints };
+        let mut run = Run { source, plan, buffers: &buffers, observer, window, state, sweep, checkpoints };
         let result = run.rows();
         run.end(result)
     }
@@ -174,6 +176,7 @@ pub fn recipe(info: &SourceInfo, options: &BuildOptions, largest: f64) -> Result
 struct Run<'a> {
     source: &'a dyn Source,
     plan: &'a Plan,
+    buffers: &'a Buffers,
     observer: &'a dyn Observer,
     window: Extent,
     state: State,
@@ -190,7 +193,8 @@ impl Run<'_> {
         let last = self.plan.rows_of_tiles(self.plan.levels);
         if self.state.next < self.window.rows.end {
             let mut rows = self.state.next.saturating_sub(1)..(self.window.rows.end + 1).min(last);
-            let bands = Bands { source: self.source, plan: self.plan, window: self.window.clone() };
+            let (plan, buffers) = (self.plan, self.buffers);
+            let bands = Bands { source: self.source, plan, buffers, window: self.window.clone() };
             let mut row = rows.next().map(|y| bands.row(y, self.state.next));
             while let Some(this) = row.take() {
                 if self.observer.cancelled() {
@@ -280,13 +284,14 @@ impl Run<'_> {
 struct Bands<'a> {
     source: &'a dyn Source,
     plan: &'a Plan,
+    buffers: &'a Buffers,
     window: Extent,
 }
 
 impl Bands<'_> {
     /// Row `y` of leaf tiles, with the tiles beside the window; those in rows before `first` are only looked at.
     fn row(&self, y: u32, first: u32) -> Result<TileRow> {
-        let (plan, info) = (self.plan, self.source.info());
+        let (plan, spares, info) = (self.plan, &self.buffers.lattices, self.source.info());
         let columns = self.window.columns.start.saturating_sub(1)
             ..(self.window.columns.end + 1).min(plan.columns_of_tiles(plan.levels));
         let rows = plan.samples_of(&(y..y + 1), info.height);
@@ -297,12 +302,17 @@ impl Bands<'_> {
             let window = self.source.read_window(samples.clone(), rows.clone())?;
             slots.par_extend(run.clone().into_par_iter().filter_map(|x| {
                 let local = (x - run.start) as usize;
-                let lattice = split::leaf(&window, samples.len(), local, plan.tile, &plan.recipe)?;
+                let mut lattice = spares.take(plan.tile);
+                if !split::leaf((&window, samples.len()), local, plan.tile, &plan.recipe, &mut lattice) {
+                    spares.give(plan.tile, lattice);
+                    return None;
+                }
                 Some((
                     x,
                     if own(x) { Slot::Work(Box::new(Work::leaf(lattice))) } else { Slot::Seen(lattice) },
                 ))
             }));
+            self.source.take_back(window);
         }
         Ok(TileRow { y, slots })
     }

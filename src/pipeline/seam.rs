@@ -15,6 +15,7 @@ use crate::error::{Error, Result};
 use crate::pipeline::bytes::Reader;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::quarter::{self, Quarter};
+use crate::pipeline::work::Work;
 use crate::sample::Lattice;
 use crate::tile::TileId;
 
@@ -37,6 +38,8 @@ enum Kind {
 pub enum Item<'a> {
     /// What a finished tile leaves for its parent.
     Quarter(TileId, &'a Quarter),
+    /// The same, taken out of its parent, which is not finished.
+    Part(TileId, &'a Work),
     /// The rim of a finished tile.
     Rim(TileId, &'a Lattice),
 }
@@ -46,6 +49,12 @@ impl Item<'_> {
     pub fn encode(&self) -> Result<Vec<u8>> {
         let (kind, id, frame) = match self {
             Self::Quarter(id, quarter) => (Kind::Quarter, id, quarter.encode()?),
+            Self::Part(id, parent) => {
+                let quadrant = (id.y % 2 * 2 + id.x % 2) as u8;
+                let quarter = parent.quarter(quadrant);
+                let quarter = quarter.ok_or_else(|| Error::usage(format!("tile {id} has left nothing")))?;
+                (Kind::Quarter, id, quarter.encode()?)
+            }
             Self::Rim(id, lattice) => (Kind::Rim, id, quarter::encode_rim(lattice)?),
         };
         let mut out = Vec::with_capacity(HEAD + frame.len());

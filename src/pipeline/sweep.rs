@@ -15,7 +15,7 @@ use crate::pipeline::buffers::Buffers;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::quarter::Quarter;
 use crate::pipeline::reach::Reach;
-use crate::pipeline::seam::{AT_ONCE, Item, SeamFile, Seams, encode_each};
+use crate::pipeline::seam::{Item, SeamFile, Seams, encode_each};
 use crate::pipeline::tally::Tally;
 use crate::pipeline::work::{Finished, Work};
 use crate::sample::{Lattice, VOID};
@@ -37,6 +37,13 @@ impl Slot {
             Self::Seen(lattice) => lattice,
         }
     }
+
+    fn into_lattice(self) -> Lattice {
+        match self {
+            Self::Work(work) => work.lattice,
+            Self::Seen(lattice) => lattice,
+        }
+    }
 }
 
 /// Tiles of one row of a level.
@@ -54,14 +61,15 @@ impl TileRow {
     }
 
     /// The row without the tiles that nobody in the row to the south will look at: only fills look, and only voids are filled.
-    fn needed_by(mut self, south: &Self) -> Self {
+    fn needed_by(mut self, south: &Self, buffers: &Buffers) -> Self {
         let has_void = |slot: &Slot| matches!(slot, Slot::Work(work) if work.lattice.state.contains(&VOID));
         let looking: Vec<u32> =
             south.slots.iter().filter(|(_, slot)| has_void(slot)).map(|(x, _)| *x).collect();
-        self.slots.retain(|(x, _)| {
+        let unseen = |(x, _): &mut (u32, Slot)| {
             let next = looking.partition_point(|looking| looking + 1 < *x);
-            looking.get(next).is_some_and(|looking| *looking <= x + 1)
-        });
+            looking.get(next).is_none_or(|looking| *looking > *x + 1)
+        };
+        give_back(self.slots.extract_if(.., unseen), buffers);
         self
     }
 
@@ -72,25 +80,23 @@ impl TileRow {
         wanted: impl Fn(u32) -> bool,
         put: &mut dyn FnMut(&[u8]) -> Result<()>,
     ) -> Result<()> {
-        let slots: Vec<_> = self.slots.iter().filter(|(x, _)| wanted(*x)).collect();
-        // Some at a time: tiles are copied to be taken apart.
-        for slots in slots.chunks(AT_ONCE) {
-            let (mut items, mut quarters) = (Vec::new(), Vec::new());
-            for (x, slot) in slots {
-                let id = TileId::new(level, *x, self.y);
-                let before = quarters.len();
-                if let Slot::Work(work) = slot {
-                    quarters.extend(work.quarters().into_iter().map(|(q, quarter)| (id.child(q), quarter)));
-                }
-                if quarters.len() == before {
-                    items.push(Item::Rim(id, slot.lattice()));
-                }
+        let mut items = Vec::new();
+        for (x, slot) in self.slots.iter().filter(|(x, _)| wanted(*x)) {
+            let (id, before) = (TileId::new(level, *x, self.y), items.len());
+            if let Slot::Work(work) = slot {
+                items.extend(work.quadrants().map(|quadrant| Item::Part(id.child(quadrant), work)));
             }
-            items.extend(quarters.iter().map(|(id, quarter)| Item::Quarter(*id, quarter)));
-            encode_each(&items, put)?;
+            if items.len() == before {
+                items.push(Item::Rim(id, slot.lattice()));
+            }
         }
-        Ok(())
+        encode_each(&items, put)
     }
+}
+
+/// Lets go of tiles that nobody will look at any more.
+fn give_back(slots: impl Iterator<Item = (u32, Slot)>, buffers: &Buffers) {
+    slots.map(|(_, slot)| slot.into_lattice()).for_each(|lattice| buffers.lattices.give(lattice.n, lattice));
 }
 
 /// Quarters of a row by column, ascending.
@@ -103,8 +109,8 @@ pub struct Sweep<'a> {
     levels: Vec<Level>,
     writer: ContainerWriter,
     tally: Tally,
-    /// Buffers that no thread is using.
-    buffers: Buffers,
+    /// Memory that nobody is using.
+    buffers: &'a Buffers,
     /// Finished tiles that are written and counted while the next row is worked on.
     unwritten: Vec<Finished>,
     /// What others left for this sweep.
@@ -128,25 +134,14 @@ struct Level {
 impl<'a> Sweep<'a> {
     /// A sweep that appends what it finishes to `writer`, and counts it in `tally`.
     pub fn new(
-        plan: &'a Plan,
+        (plan, buffers): (&'a Plan, &'a Buffers),
         reach: Reach,
         (writer, tally): (ContainerWriter, Tally),
         earlier: Seams,
         seam: SeamFile,
     ) -> Self {
         let levels = (0..=plan.levels).map(|_| Level::default()).collect();
-        Self {
-            plan,
-            reach,
-            levels,
-            writer,
-            tally,
-            buffers: Buffers::default(),
-            unwritten: Vec::new(),
-            earlier,
-            seam,
-            passed: 0,
-        }
+        Self { plan, reach, levels, writer, tally, buffers, unwritten: Vec::new(), earlier, seam, passed: 0 }
     }
 
     /// The next row of leaf tiles.
@@ -236,7 +231,12 @@ impl<'a> Sweep<'a> {
         };
         self.leave(level, &row)?;
         let y = row.y;
-        self.levels[usize::from(level)].north = south.map(|south| row.needed_by(south));
+        let row = match south {
+            Some(south) => Some(row.needed_by(south, self.buffers)),
+            None => None,
+        };
+        let north = std::mem::replace(&mut self.levels[usize::from(level)].north, row);
+        give_back(north.into_iter().flat_map(|row| row.slots), self.buffers);
         quarters.map_or(Ok(()), |quarters| self.stack(level, y, quarters))
     }
 
@@ -246,7 +246,7 @@ impl<'a> Sweep<'a> {
         let columns = self.reach.finished(level).columns.clone();
         let north = self.levels[usize::from(level)].north.as_ref();
         let fills = plan.fills(level, north, row, south, &columns);
-        let buffers = &self.buffers;
+        let buffers = self.buffers;
         let work = || -> Vec<Option<Result<(Finished, Quarter)>>> {
             row.slots
                 .par_iter_mut()
@@ -256,7 +256,7 @@ impl<'a> Sweep<'a> {
                     |lent, ((x, slot), fills)| match slot {
                         Slot::Work(work) if columns.contains(x) => {
                             fill::apply(&mut work.lattice, &fills);
-                            Some(work.finish(TileId::new(level, *x, y), plan, &mut lent.scratch))
+                            Some(work.finish(TileId::new(level, *x, y), plan, lent))
                         }
                         _ => None,
                     },
@@ -327,7 +327,11 @@ impl<'a> Sweep<'a> {
         if !assembled.rows.contains(&y) {
             return Ok(());
         }
-        let parent = |(x, quad)| Some((x, Slot::Work(Box::new(Work::parent(quad, plan)?))));
+        let buffers = self.buffers;
+        for (_, quarter) in left {
+            quarter.into_errors(buffers);
+        }
+        let parent = |(x, quad)| Some((x, Slot::Work(Box::new(Work::parent(quad, plan, buffers)?))));
         let quads: Vec<_> = quads.into_iter().collect();
         let mut slots: Vec<(u32, Slot)> = quads.into_par_iter().filter_map(parent).collect();
         let made = slots.len();

@@ -1,13 +1,14 @@
 //! One tile on its way through a level: assembled, filled, measured, encoded, halved.
 
 use crate::codec::table::ErrorTable;
-use crate::codec::{Scratch, height, mask, table};
+use crate::codec::{height, mask, table};
 use crate::container::layout::Metric;
 use crate::container::writer::{TileChunks, TileRecord};
 use crate::error::Result;
 use crate::error_code::code_from_metres;
 use crate::patch::blocks::{Blocks, occupied};
 use crate::patch::{Errors, TileGeometry, inherit};
+use crate::pipeline::buffers::{Buffers, Lent};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::quarter::{Quarter, Range};
 use crate::sample::{Lattice, VALID};
@@ -57,12 +58,13 @@ impl Work {
     }
 
     /// The parent of up to four finished tiles; `None` if there are none.
-    pub fn parent(quarters: [Option<Quarter>; 4], plan: &Plan) -> Option<Self> {
+    pub fn parent(quarters: [Option<Quarter>; 4], plan: &Plan, buffers: &Buffers) -> Option<Self> {
         if quarters.iter().all(Option::is_none) {
             return None;
         }
-        let mut lattice = Lattice::new(plan.tile, plan.recipe.coding);
-        let mut blocks = Blocks::void(plan.tile);
+        let (mut lattice, mut blocks) = (buffers.lattices.take(plan.tile), buffers.blocks.take(plan.tile));
+        lattice.reset(plan.tile, plan.recipe.coding);
+        blocks.reset(plan.tile);
         let mut range = Range::EMPTY;
         let mut children = 0;
         let mut quadrant = 0;
@@ -74,32 +76,38 @@ impl Work {
             blocks.place(&quarter.blocks, place);
             range = range.join(quarter.range);
             children |= 1 << place;
-            Some(quarter.errors)
+            Some(quarter.into_errors(buffers))
         });
         Some(Self { lattice, below: Some(Below { blocks, errors, range, children }) })
     }
 
-    /// What the children left, taken apart again, by quadrant: for a tile that is to be finished elsewhere. A leaf has none.
-    pub fn quarters(&self) -> Vec<(u8, Quarter)> {
-        let Some(below) = &self.below else { return Vec::new() };
-        let quarter = |(quadrant, errors): (u8, &Option<Errors>)| {
-            let errors = errors.clone()?;
-            Some((quadrant, Quarter::cut(&self.lattice, &below.blocks, quadrant, errors, below.range)))
-        };
-        (0..).zip(&below.errors).filter_map(quarter).collect()
+    /// Quadrants that [`Work::parent`] was given quarters for; none if the tile is finished, or a leaf.
+    pub fn quadrants(&self) -> impl Iterator<Item = u8> {
+        let children = self.below.as_ref().map_or(0, |below| below.children);
+        (0..4).filter(move |quadrant| children >> quadrant & 1 == 1)
+    }
+
+    /// What [`Work::parent`] was given for a quadrant, taken out again: for a tile that is to be finished elsewhere.
+    pub fn quarter(&self, quadrant: u8) -> Option<Quarter> {
+        let below = self.below.as_ref()?;
+        let errors = below.errors[usize::from(quadrant)].clone()?;
+        Some(Quarter::cut(&self.lattice, &below.blocks, quadrant, errors, below.range))
     }
 
     /// Measures, encodes and halves the tile, whose fills are in place. The quarter is for the parent.
-    pub fn finish(&mut self, id: TileId, plan: &Plan, scratch: &mut Scratch) -> Result<(Finished, Quarter)> {
+    pub fn finish(&mut self, id: TileId, plan: &Plan, lent: &mut Lent<'_>) -> Result<(Finished, Quarter)> {
+        let Lent { scratch, chunks, owner: buffers } = lent;
         let coding = plan.recipe.coding;
         let geometry = plan.geometry(id);
         let [own, valid] = Range::of(&self.lattice, coding);
         let below = self.below.take();
         let children = below.as_ref().map_or(0, |b| b.children);
         let range = below.as_ref().map_or(own, |b| own.join(b.range));
-        let (occupied, blocks, errors) = self.errors(below, plan, &geometry);
+        let (occupied, blocks, errors) = self.errors(below, plan, &geometry, buffers);
         let table = stored_table(&self.lattice, &errors, &occupied, plan, &geometry);
-        let mut chunks = TileChunks::default();
+        for chunk in [&mut chunks.mask, &mut chunks.heights, &mut chunks.errors] {
+            chunk.clear();
+        }
         let root = id == TileId::ROOT;
         let occupancy = mask::encode(&self.lattice, root, scratch, &mut chunks.mask)?;
         height::encode(&self.lattice, coding, root, scratch, &mut chunks.heights)?;
@@ -117,9 +125,11 @@ impl Work {
             min_m,
             max_m,
         };
-        let quarter = Quarter { lattice: downsample::halve(&self.lattice, coding), blocks, errors, range };
+        let mut lattice = buffers.lattices.take(plan.tile / 2);
+        downsample::halve(&self.lattice, &mut lattice);
+        let quarter = Quarter { lattice, blocks, errors, range };
         let census = census(&self.lattice, valid, id, plan);
-        Ok((Finished { record, chunks, table, occupied, census }, quarter))
+        Ok((Finished { record, chunks: chunks.clone(), table, occupied, census }, quarter))
     }
 
     /// Patches with a valid sample in or below them, blocks for the parent, and errors.
@@ -128,16 +138,18 @@ impl Work {
         below: Option<Below>,
         plan: &Plan,
         geometry: &TileGeometry,
+        buffers: &Buffers,
     ) -> (Vec<bool>, Blocks, Errors) {
         let (lattice, coding) = (&self.lattice, plan.recipe.coding);
+        let mut halved = buffers.blocks.take(plan.tile / 2);
         match below {
             None => {
-                let (unit, blocks) = Blocks::of_leaf(lattice, coding, geometry);
+                let unit = halved.set_leaf(lattice, coding, geometry);
                 let errors = match plan.metric {
                     Metric::Bound => inherit::leaf_bound(lattice, &unit, coding, geometry),
                     Metric::Paper => inherit::leaf_paper(lattice, coding, geometry),
                 };
-                (occupied(&unit, plan.tile, plan.patch), blocks, errors)
+                (occupied(&unit, plan.tile, plan.patch), halved, errors)
             }
             Some(Below { blocks, errors, .. }) => {
                 let children = errors.each_ref().map(Option::as_ref);
@@ -145,7 +157,10 @@ impl Work {
                     Metric::Bound => inherit::parent_bound(children, lattice, &blocks, coding, geometry),
                     Metric::Paper => inherit::parent_paper(children, lattice, coding, geometry),
                 };
-                (occupied(&blocks.state, plan.tile, plan.patch), blocks.halved(), errors)
+                let occupied = occupied(&blocks.state, plan.tile, plan.patch);
+                blocks.halve(&mut halved);
+                buffers.blocks.give(blocks.n, blocks);
+                (occupied, halved, errors)
             }
         }
     }

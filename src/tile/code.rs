@@ -32,6 +32,16 @@ pub struct Codes {
 }
 
 impl Codes {
+    /// Forgets all of them, and makes room for `count`.
+    pub fn restart(&mut self, count: usize, coding: Coding) {
+        self.code.clear();
+        self.code.reserve_exact(count);
+        self.state.clear();
+        self.state.reserve_exact(count);
+        self.low.clear();
+        self.low.reserve_exact(if coding.has_low() { count } else { 0 });
+    }
+
     /// Adds `count` void samples.
     pub fn add_void(&mut self, count: usize, coding: Coding) {
         self.code.resize(self.code.len() + count, 0);

@@ -1,26 +1,23 @@
 //! Four children to their parent: every second sample, untouched.
 
-use crate::sample::{Coding, Lattice, VOID};
+use crate::sample::{Lattice, VOID};
 
-/// The even samples of a tile: what its parent takes over.
-pub fn halve(child: &Lattice, coding: Coding) -> Lattice {
-    let n = child.n / 2;
-    Lattice {
-        n,
-        code: even(&child.code, child.n),
-        low: if coding.has_low() { even(&child.low, child.n) } else { Vec::new() },
-        state: even(&child.state, child.n),
-    }
+/// The even samples of a tile: what its parent takes over. Writes over `out`.
+pub fn halve(child: &Lattice, out: &mut Lattice) {
+    out.n = child.n / 2;
+    even(&child.code, child.n, &mut out.code);
+    even(&child.low, child.n, &mut out.low);
+    even(&child.state, child.n, &mut out.state);
 }
 
 /// Every second sample of every second row of a plane of `n` intervals.
-fn even<T: Copy>(plane: &[T], n: usize) -> Vec<T> {
-    let mut out = Vec::with_capacity((n / 2 + 1) * (n / 2 + 1));
+fn even<T: Copy>(plane: &[T], n: usize, out: &mut Vec<T>) {
+    out.clear();
+    out.reserve_exact(if plane.is_empty() { 0 } else { (n / 2 + 1) * (n / 2 + 1) });
     for row in plane.chunks_exact(n + 1).step_by(2) {
         out.extend(row.chunks_exact(2).map(|pair| pair[0]));
         out.extend(row.last());
     }
-    out
 }
 
 /// Puts the halved child of quadrant `quadrant` into its parent's lattice.
