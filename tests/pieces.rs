@@ -194,7 +194,7 @@ fn a_limit_of_memory_changes_no_byte() {
     pipeline::build(&*source, &whole, &options, &Silent).expect("build");
     // Wherever so many columns lie.
     let memory = |columns: u32| (0..=44 - columns).map(|x| plan.memory(&(x..x + columns))).max();
-    for columns in [3, 4, 17, 40] {
+    for columns in [17, 28, 40] {
         let memory = memory(columns);
         let strips = plan.strips(memory).expect("strips");
         // A strip is read with a column on either side; the raster has none beyond its own.
@@ -205,6 +205,9 @@ fn a_limit_of_memory_changes_no_byte() {
         assert_eq!(fs::read(&limited).expect("limited"), fs::read(&whole).expect("whole"), "{columns}");
     }
     assert_eq!(plan.strips(memory(44)).expect("one").len(), 1);
+    // Narrow strips leave everything above them to be joined at once.
+    let refused = plan.strips(memory(3)).expect_err("too little to join").to_string();
+    assert!(refused.contains("--memory: to join"), "{refused}");
     let refused = plan.strips(memory(1)).expect_err("too little").to_string();
     assert!(refused.contains("--memory") && refused.contains("16 x 16"), "{refused}");
 }

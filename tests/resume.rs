@@ -196,7 +196,7 @@ fn killed_at_fifty_random_moments() {
 fn strips_are_resumed_too() {
     let case = Case::new(1500, Compression::None);
     // A strip of a few of the 24 columns of tiles at a time.
-    let limit = ["--jobs", "2", "--memory", "27MiB"];
+    let limit = ["--jobs", "2", "--memory", "32MiB"];
     for _ in 0..4 {
         let mut child = case.spawn(&[&limit[..], &["--resume"]].concat());
         std::thread::sleep(case.time.mul_f64(0.4));
@@ -225,7 +225,7 @@ fn changed_options_and_inputs_are_refused() {
     fails(&other.output().expect("runs"), &["--nodata was None, now it is Some(-1.0)", "--force"]);
     let other = case.command(&["--resume", "--precision", "5"]).output().expect("runs");
     fails(&other, &["--precision", "--force"]);
-    let other = case.command(&["--resume", "--jobs", "2", "--memory", "27MiB"]).output().expect("runs");
+    let other = case.command(&["--resume", "--jobs", "2", "--memory", "32MiB"]).output().expect("runs");
     fails(&other, &["--memory", "begun with more", "--force"]);
     let other = case.command(&["--resume", "--window", "0,0,3,3"]).output().expect("runs");
     fails(&other, &["window", "--force"]);

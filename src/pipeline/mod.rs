@@ -10,6 +10,7 @@ mod buffers;
 mod bytes;
 mod checkpoint;
 pub mod imagery;
+mod memory;
 mod merge;
 mod occupied;
 pub mod plan;

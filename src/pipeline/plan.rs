@@ -41,6 +41,8 @@ pub struct Plan {
     pub geo: Geo,
     /// Which leaf tiles can hold samples.
     pub occupied: Occupied,
+    /// Bytes of a sample of the source.
+    pub sample_bytes: u64,
     /// Threads asked for.
     pub jobs: usize,
     /// Bytes that reading a band takes for each leaf tile: raw samples, of a mosaic also those of its files and a mask, and a row of the
@@ -92,6 +94,7 @@ pub fn plan(info: &SourceInfo, options: &BuildOptions) -> Result<Plan> {
         metres_of_value,
         geo: info.geo.clone(),
         jobs: options.jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        sample_bytes: info.sample_type.bytes() as u64,
         band_bytes: band_bytes(info, options.tile.into()),
         signed_metres: info.band_scale * info.vertical_unit.0,
         band_offset_m: info.band_offset * info.vertical_unit.0,
@@ -221,8 +224,7 @@ impl Plan {
 
     /// Bytes of memory that the build takes at most.
     pub fn memory_estimate(&self, options: &BuildOptions) -> Result<u64> {
-        let strips = self.strips(options.memory)?;
-        Ok(strips.iter().map(|strip| self.memory(&strip.columns)).max().unwrap_or(0))
+        Ok(self.memory_in_strips(&self.strips(options.memory)?))
     }
 
     /// Bytes that the finished file will have, roughly: from a bits-per-sample figure of real terrain (4.5 for 16-bit integers, 16 for

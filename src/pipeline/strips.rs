@@ -15,8 +15,6 @@ use crate::pipeline::run::Begun;
 use crate::pipeline::{BuildOptions, Observer, Report, Stage, merge};
 use crate::source::Source;
 
-/// Bytes that the program takes before it has read a sample.
-const PROGRAM: u64 = 24 << 20;
 /// Columns of tiles on either side of a strip that are read with it.
 const HALO: u32 = 1;
 
@@ -99,7 +97,18 @@ impl Plan {
         }
         let fitting = (2..=columns).map(strips).find(|strips| most(strips) <= Some(limit));
         let strips = fitting.unwrap_or_default();
-        Ok(strips.into_iter().map(|columns| Extent { columns, rows: all.rows.clone() }).collect())
+        let strips: Vec<_> =
+            strips.into_iter().map(|columns| Extent { columns, rows: all.rows.clone() }).collect();
+        let joined = self.memory_to_merge(&strips);
+        if joined > limit {
+            return Err(Error::usage(format!(
+                "--memory: to join the strips of {} tiles that fit takes about {} MiB on {} threads; allow more, or use smaller tiles",
+                strips[0].columns.len(),
+                joined.div_ceil(1 << 20),
+                self.jobs
+            )));
+        }
+        Ok(strips)
     }
 
     /// [`Plan::memory`] of a strip, with the columns beside it that are read with it.
@@ -107,10 +116,18 @@ impl Plan {
         self.memory(&(strip.start.saturating_sub(HALO)..strip.end + HALO))
     }
 
+    /// Bytes of memory that a build in these strips takes at most; none, or a single one: in one go.
+    pub fn memory_in_strips(&self, strips: &[Extent]) -> u64 {
+        if strips.len() < 2 {
+            return self.memory(&Extent::of_level(self, self.levels).columns);
+        }
+        let widest = strips.iter().map(|strip| self.memory_beside(&strip.columns)).max();
+        widest.unwrap_or(0).max(self.memory_to_merge(strips))
+    }
+
     /// Fails if a build that was begun in these strips (none: in one go) takes more than `limit`.
     pub fn check_limit(&self, strips: &[Extent], limit: Option<u64>) -> Result<()> {
-        let needed = strips.iter().map(|strip| self.memory_beside(&strip.columns)).max();
-        let needed = needed.unwrap_or_else(|| self.memory(&Extent::of_level(self, self.levels).columns));
+        let needed = self.memory_in_strips(strips);
         if limit.is_none_or(|limit| needed <= limit) {
             return Ok(());
         }
@@ -118,25 +135,5 @@ impl Plan {
             "--memory: the unfinished build was begun with more and may take {} MiB: resume it with that, or begin anew with --force",
             needed.div_ceil(1 << 20)
         )))
-    }
-
-    /// Bytes of memory that a sweep over these columns of leaf tiles takes at most: what counts is the row with the most tiles.
-    ///
-    /// With lattices of `S = (T + 1)^2 s` bytes (s = 5, or 9 for float64), blocks of `B = 9 T^2`, and quarters a fourth of both: the leaf
-    /// level has four rows of lattices (north, current, the next, and one that is being read), what reading a band takes and two
-    /// rows of quarters; every level above has three rows of lattices, two with blocks, and two rows of quarters. Each thread has its
-    /// buffers, and the program itself takes some. It is for voids everywhere; terrain without them takes less. What GDAL keeps while it
-    /// warps, and the blocks of pictures, are not in it.
-    pub fn memory(&self, columns: &Range<u32>) -> u64 {
-        let samples = ((self.tile + 1) * (self.tile + 1)) as u64;
-        let lattice = samples * if self.recipe.coding.has_low() { 9 } else { 5 };
-        let blocks = (self.tile * self.tile) as u64 * 9;
-        let quarters = (lattice + blocks) / 2;
-        let leaves = self.occupied.widest(0, columns);
-        let mut total = leaves * (4 * lattice + self.band_bytes + quarters);
-        for up in 1..=self.levels {
-            total += self.occupied.widest(up, columns) * (3 * lattice + 2 * blocks + quarters);
-        }
-        total + self.jobs as u64 * samples * 64 + PROGRAM
     }
 }

@@ -13,7 +13,7 @@ use crate::states;
 pub struct Neighbourhood<'a>(pub [[Option<&'a Lattice>; 3]; 3]);
 
 /// A fill to be written: index in the lattice, code, low.
-pub type Fill = (usize, i32, u32);
+pub type Fill = (u32, i32, u32);
 
 /// Finds the void samples of a row that have a valid one around them: most in a large void have none.
 struct NearValid<'a> {
@@ -98,13 +98,14 @@ impl Neighbourhood<'_> {
                     if x % spacing == 0
                         && let Some((code, low)) = self.median(tile, x, y, spacing)
                     {
-                        fills.push((tile.at(x, y), code, low));
+                        fills.push((tile.at(x, y) as u32, code, low));
                         row[x] = FILLED;
                     }
                 });
             }
             spacing *= 2;
         }
+        fills.shrink_to_fit();
         fills
     }
 
@@ -138,7 +139,7 @@ impl Neighbourhood<'_> {
                     let at = other.at(i, j);
                     if state[index] == VOID && other.state[at] == FILLED {
                         state[index] = FILLED;
-                        fills.push((index, other.code[at], other.low_at(at)));
+                        fills.push((index as u32, other.code[at], other.low_at(at)));
                     }
                 }
             }
@@ -209,6 +210,7 @@ fn mirror(v: usize, tile: usize, n: usize) -> Option<usize> {
 /// Writes fills into their tile.
 pub fn apply(lattice: &mut Lattice, fills: &[Fill]) {
     for &(index, code, low) in fills {
+        let index = index as usize;
         lattice.code[index] = code;
         lattice.state[index] = FILLED;
         if let Some(to) = lattice.low.get_mut(index) {
@@ -281,7 +283,7 @@ mod tests {
                     .filter(|&at| tiles[1][1].state[at] == VOID)
                     .filter_map(|at| {
                         let (code, low) = expected(&around, n, at % (n + 1), at / (n + 1), n)?;
-                        Some((at, code, low))
+                        Some((at as u32, code, low))
                     })
                     .collect();
                 let mut got = around.fills(1, n);

@@ -1,0 +1,111 @@
+//! How much memory a build takes at most, known before a sample is read.
+
+use std::ops::Range;
+
+use crate::pipeline::plan::Plan;
+use crate::pipeline::reach::{Extent, Reach};
+use crate::pipeline::seam::AT_ONCE;
+
+/// Bytes that the program takes before it has read a sample.
+const PROGRAM: u64 = 24 << 20;
+/// Bytes that a thread takes whatever the size of tiles: its stack, its part of the allocator, buffers of the compression.
+const THREAD: u64 = 3 << 19;
+/// Bytes for each sample of a tile that a thread works in.
+const THREAD_SAMPLE: u64 = 64;
+/// Bytes of the index for each tile of the file: its row, where it is found, and its share of a packed page.
+const INDEX: u64 = 128;
+/// Bytes for the parts of a tile beside what is in them.
+const EACH: u64 = 512;
+
+/// Bytes of what is kept of a tile.
+struct Sizes {
+    /// Samples.
+    lattice: u64,
+    /// Extremes and occupancy.
+    blocks: u64,
+    /// What it leaves for its parent: half of both.
+    quarter: u64,
+    /// What it leaves of errors.
+    errors: u64,
+    /// A finished tile before it is written, if nothing of it can be compressed.
+    finished: u64,
+    /// Fills, if half of the samples get one.
+    fills: u64,
+}
+
+impl Sizes {
+    fn of(plan: &Plan) -> Self {
+        let (n, patches) = (plan.tile as u64, (plan.tile / plan.patch) as u64);
+        let steps = u64::from(plan.patch.trailing_zeros()) + 1;
+        let sample = if plan.recipe.coding.has_low() { 9 } else { 5 };
+        let samples = |n: u64| (n + 1) * (n + 1);
+        let count = patches * patches;
+        let vectors = 2 * (steps + u64::from(patches.trailing_zeros()));
+        Self {
+            lattice: samples(n) * sample + EACH,
+            blocks: n * n * 9 + EACH,
+            quarter: samples(n / 2) * sample + n * n / 4 * 9 + EACH,
+            errors: 16 * (count * steps + count / 3) + 40 * vectors,
+            finished: samples(n) * plan.sample_bytes + n * n / 8 + count * (8 * steps + 2) + EACH,
+            fills: samples(n) * 6,
+        }
+    }
+}
+
+impl Plan {
+    /// Bytes of memory that a sweep over these columns of leaf tiles takes at most. It goes by the tiles of each level's fullest row: N of
+    /// the leaves, A of all levels together, U of those above the leaves, M and V the most of one level among these.
+    ///
+    /// - Lattices of `(T + 1)^2 s` bytes (s = 5, or 9 for float64): two rows of every level (north and current), one more of the level that is
+    ///   worked on (south), one of leaves that is being read: `2 A + M + N`.
+    /// - Blocks of `9 T^2` bytes: the rows above the leaves that are not finished, `U + V`.
+    /// - Quarters, each a fourth of both: a row that waits at every level, one more where a row is finished: `A + M`.
+    /// - Errors of `16 (T / P)^2 (log2 P + 4 / 3)` bytes, for the quarters and four for each tile of the rows that are not finished: `A + M + 4 (U + V)`.
+    /// - Finished tiles that wait to be written, as large as in the source, 2 M; the fills of a row are there before them.
+    /// - What reading a band takes, N times; the buffers of each thread; what a checkpoint encodes at a time; the index of the whole file; and the
+    ///   program itself.
+    ///
+    /// It is for voids everywhere; terrain without them takes less. What is of no more use is kept for the next tile (`buffers`), so that
+    /// the memory of one kind of these never becomes that of another. What GDAL keeps while it warps, and the blocks of pictures, are not in it.
+    pub fn memory(&self, columns: &Range<u32>) -> u64 {
+        let rows: Vec<u64> = (0..=self.levels).map(|up| self.occupied.widest(up, columns)).collect();
+        rows[0] * (Sizes::of(self).lattice + self.band_bytes) + self.memory_of_rows(&rows)
+    }
+
+    /// Bytes of memory that joining strips takes at most: a sweep over the tiles that none of them has finished, and over the rims of those
+    /// beside them. The quarters of a row are read all at once, packed.
+    pub fn memory_to_merge(&self, strips: &[Extent]) -> u64 {
+        let all = Extent::of_level(self, self.levels).columns;
+        let reaches: Vec<Reach> = strips.iter().map(|strip| Reach::new(self, strip)).collect();
+        let unfinished = |up: u8| {
+            let finished = reaches.iter().map(|reach| reach.finished(self.levels - up).columns.clone());
+            let (mut tiles, mut from) = (2 * strips.len() as u64, 0);
+            for columns in finished.filter(|columns| !columns.is_empty()) {
+                tiles += self.occupied.widest(up, &(from << up..columns.start << up));
+                from = columns.end;
+            }
+            tiles += self.occupied.widest(up, &(from << up..all.end));
+            tiles.min(self.occupied.widest(up, &all))
+        };
+        let rows: Vec<u64> = (0..=self.levels).map(unfinished).collect();
+        let most = rows.iter().copied().max().unwrap_or(0);
+        most * Sizes::of(self).quarter + self.memory_of_rows(&rows)
+    }
+
+    /// Bytes for rows of so many tiles, leaves first, and for what does not depend on them.
+    fn memory_of_rows(&self, rows: &[u64]) -> u64 {
+        let sizes = Sizes::of(self);
+        let (all, most) = (rows.iter().sum::<u64>(), rows.iter().copied().max().unwrap_or(0));
+        let (above, most_above) = (all - rows[0], rows.iter().skip(1).copied().max().unwrap_or(0));
+        let (quarters, unfinished) = (all + most, above + most_above);
+        let samples = ((self.tile + 1) * (self.tile + 1)) as u64;
+        (2 * all + most) * sizes.lattice
+            + unfinished * (sizes.blocks + 4 * sizes.errors)
+            + quarters * (sizes.quarter + sizes.errors)
+            + most * (sizes.finished + sizes.finished.max(sizes.fills))
+            + self.jobs as u64 * (samples * THREAD_SAMPLE + THREAD)
+            + AT_ONCE.min(most as usize * 4) as u64 * sizes.quarter
+            + self.most_tiles().iter().sum::<u64>() * INDEX
+            + PROGRAM
+    }
+}
