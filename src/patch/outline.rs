@@ -6,9 +6,10 @@
 //! smaller than the distance from the whole outline. A square of cells with valid samples only, or void ones only, is
 //! drawn as it is; any other holds a part of the outline, so the distance is always finite.
 //!
-//! Outlines are short beside a tile, and most of a tile is drawn as it should be. So nothing is worked out for all samples
-//! but one bit each (`marks`); the first step comes from a table of patterns (`patterns`); the others are searches that
-//! look closely only at what may be farthest (`search`), and remember what they have found for the next step.
+//! Outlines are short beside a tile, and most of a tile is drawn as it should be. So little is worked out for all samples: how far
+//! the nearest vertex of the outline is in their own column, in vectors (`marks`). The first step comes from a table of patterns
+//! (`patterns`); the others are searches that look closely only at what may be farthest (`search`), and remember what they have
+//! found for the next step.
 //!
 //! Not here: errors of children. The caller takes the maximum with them.
 
