@@ -9,11 +9,6 @@ pub struct Plane {
 }
 
 impl Plane {
-    /// The same value everywhere.
-    pub fn constant(at: f64) -> Self {
-        Self { at, dx: 0.0, dy: 0.0 }
-    }
-
     /// Value at `(x, y)`.
     #[inline]
     pub fn value(&self, x: f64, y: f64) -> f64 {

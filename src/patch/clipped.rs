@@ -8,19 +8,6 @@ use crate::patch::squares::Place;
 use crate::sample::VALID;
 
 impl<N: Number> Holed<'_, N> {
-    /// Largest `|z - D|`, or `worst` if it is larger, where an outline crosses the unit cells of a cell whose corners are valid.
-    pub fn outlined(&self, place: Place, worst: f64) -> f64 {
-        let [heights, _] = self.planes(place);
-        let shown = Plane::constant(1.0);
-        let mut worst = worst;
-        self.mixed_units(place, |x, y| {
-            for (triangle, &height) in heights.iter().enumerate() {
-                worst = worst.max(self.unit_cell(place, (x, y), triangle, (height, shown)));
-            }
-        });
-        worst
-    }
-
     /// Largest `|z - D|` under a drawn triangle where both surfaces are shown; `planes` are its cell's.
     pub fn clipped_triangle(&self, place: Place, triangle: usize, planes: &[[Plane; 2]; 2]) -> f64 {
         let cell = place.cell;

@@ -26,24 +26,27 @@ pub fn leaf(
 ) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let heights = Heights::new(lattice, coding);
     let slack = heights.slack(coding);
-    let exact = matches!(coding, Coding::Integer { .. });
     let (state, n) = (&lattice.state, geometry.n);
     let mut steps = match &heights {
         Heights::Short(z) => {
             let small = simd::run(Comb::<_, _, _, 16> { z, n, lane: |z| z as i16 });
-            sizes(Tile::new(z, state, unit, exact, slack, geometry), small)
+            sizes(Tile::new(z, state, unit, slack, geometry), small)
         }
         Heights::Narrow(z) => {
             let small = simd::run(Comb::<_, _, _, 8> { z, n, lane: |z| z });
-            sizes(Tile::new(z, state, unit, exact, slack, geometry), small)
+            sizes(Tile::new(z, state, unit, slack, geometry), small)
         }
         Heights::Wide(z) => {
             let small = simd::run(Comb::<_, _, _, 8> { z, n, lane: |z| z });
-            sizes(Tile::new(z, state, unit, exact, slack, geometry), small)
+            sizes(Tile::new(z, state, unit, slack, geometry), small)
         }
     };
-    for error in steps.iter_mut().flatten() {
-        *error = if *error > 0.0 { (*error + slack) * geometry.metres } else { 0.0 };
+    for (bits, errors) in steps.iter_mut().enumerate() {
+        // Sums of a larger size have more terms.
+        let slack = slack * f64::from(1_u32 << bits);
+        for error in errors {
+            *error = if *error > 0.0 { (*error + slack) * geometry.metres } else { 0.0 };
+        }
     }
     let ahead = steps.split_off(geometry.steps());
     make_monotone(&mut steps);
@@ -62,19 +65,11 @@ struct Tile<'a, N> {
 }
 
 impl<'a, N: Number> Tile<'a, N> {
-    fn new(
-        z: &'a [N],
-        state: &'a [u8],
-        unit: &'a [u8],
-        exact: bool,
-        slack: f64,
-        geometry: &'a TileGeometry,
-    ) -> Self {
+    fn new(z: &'a [N], state: &'a [u8], unit: &'a [u8], slack: f64, geometry: &'a TileGeometry) -> Self {
         let n = geometry.n;
         let full = unit.iter().fold(HAS_VALID, |all, bits| all | bits) == HAS_VALID;
-        // The sums of a size of 2^10 may lose a thousand times as much as one operation.
-        let margin = slack * 1024.0;
-        let holed = (!full).then_some(Holed { z, unit, n, exact, margin, state });
+        let margin = slack * n as f64;
+        let holed = (!full).then_some(Holed { z, unit, n, margin, state });
         Self { z, state, margin, geometry, holed }
     }
 

@@ -116,11 +116,16 @@ impl<'a> Heights<'a> {
         Self::Wide(codes.iter().map(|&c| f64::from(c)).collect())
     }
 
-    /// What rounding in f64 may have lost: 0 for integers, whose arithmetic is exact.
+    /// What rounding in f64 may have lost of a difference, for each interval of the size of its cell: 0 for integers, whose arithmetic
+    /// is exact.
+    ///
+    /// With `u = 2^-53` and heights up to `z`, adding up a surface of `s` intervals loses at most `(5 s^2 + 25 s) u z` where each of its
+    /// three terms has its own sum (down a column, along a row, the bend), and `112 u z` or `256 u z` where the smallest cells, of
+    /// 2 or 4 intervals, go from sample to sample. All this is of `s` times the difference, and so less than the `32 s u z` given here.
     pub fn slack(&self, coding: Coding) -> f64 {
         match (self, coding) {
             (_, Coding::Integer { .. }) | (Self::Narrow(_) | Self::Short(_), _) => 0.0,
-            (Self::Wide(z), _) => z.iter().fold(0.0, |a: f64, v| a.max(v.abs())) * (0.5_f64).powi(49),
+            (Self::Wide(z), _) => z.iter().fold(0.0, |a: f64, v| a.max(v.abs())) * (0.5_f64).powi(48),
         }
     }
 }

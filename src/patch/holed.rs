@@ -7,17 +7,15 @@
 //!
 //! `max |z - D| = max { |z - D| at valid samples, |e + f| / 2 at edges with e valid and f void }`,
 //!
-//! both only where the drawn validity is at least 1/2. That is used for integers, whose sums are exact. Floats are clipped triangle by
-//! triangle, so that rounding is what it is in `relevo verify`; but only where a bound on the result says that it matters.
+//! both only where the drawn validity is at least 1/2, which is a whole number of `1 / s` and so exact in any arithmetic. A cell of 2
+//! intervals may have the drawn outline between two samples; its triangles are clipped (`clipped`).
 
 use crate::patch::blocks::{HAS_VALID, HAS_VOID};
 use crate::patch::cell::{Cell, Plane};
 use crate::patch::number::Number;
-use crate::patch::rows::{Drawn, narrow_cell};
+use crate::patch::rows::Drawn;
 use crate::patch::squares::{Place, Squares};
-use crate::patch::sums::SIDE;
 use crate::sample::{FILLED, VALID, VOID};
-use crate::states;
 
 /// Both bits: an outline may run through the unit cell.
 pub const MIXED: u8 = HAS_VALID | HAS_VOID;
@@ -30,9 +28,7 @@ pub struct Holed<'a, N> {
     pub unit: &'a [u8],
     /// Intervals on a side.
     pub n: usize,
-    /// True if sums are exact.
-    pub exact: bool,
-    /// More than rounding can make of a height difference, if they are not.
+    /// More than rounding can make of a height difference; 0 if sums are exact.
     pub margin: f64,
     /// States of the samples.
     pub state: &'a [u8],
@@ -63,27 +59,11 @@ impl<N: Number> Holed<'_, N> {
         if valid == [false; 4] {
             return worst;
         }
-        let mixed = valid != [true; 4];
-        if place.cell.s < SIDE {
-            return match (self.exact, place.cell.s) {
-                (true, 2) => self.small::<2>(place, worst),
-                (true, _) => self.small::<4>(place, worst),
-                _ => self.clipped(place, mixed, worst),
-            };
+        match place.cell.s {
+            2 => self.small::<2>(place, worst),
+            4 => self.small::<4>(place, worst),
+            _ => squares.holed(place, valid != [true; 4], worst).into_iter().fold(worst, f64::max),
         }
-        let [valid, middle] = squares.holed(place, mixed, worst);
-        if self.exact {
-            return worst.max(valid).max(middle);
-        }
-        if valid.max(middle) + self.margin <= worst {
-            return worst;
-        }
-        // Without a drawn outline the samples have been measured.
-        if mixed {
-            return self.clipped(place, mixed, worst);
-        }
-        let worst = worst.max(valid);
-        if middle + self.margin <= worst { worst } else { self.outlined(place, worst) }
     }
 
     /// The two surfaces that a cell is drawn with: heights and validity.
@@ -95,16 +75,7 @@ impl<N: Number> Holed<'_, N> {
         ]
     }
 
-    /// Calls `visit` with the unit cells of a cell that have both kinds of samples, counted from its corner.
-    pub(super) fn mixed_units(&self, place: Place, mut visit: impl FnMut(usize, usize)) {
-        for y in 0..place.cell.s {
-            let from = (place.y + y) * self.n + place.x;
-            let row = &self.unit[from..from + place.cell.s];
-            states::each_place(row, MIXED, |x| visit(x, y));
-        }
-    }
-
-    /// Exact sums, a cell of `S` intervals: 2 or 4.
+    /// A cell of `S` intervals: 2 or 4.
     fn small<const S: usize>(&self, place: Place, worst: f64) -> f64 {
         let samples = self.samples::<S>(place);
         let [valid, filled, any] = samples.worst.map(|d| d.scaled(1));
@@ -131,7 +102,7 @@ impl<N: Number> Holed<'_, N> {
         worst
     }
 
-    /// The samples of a cell of `S` intervals, if sums are exact.
+    /// The samples of a cell of `S` intervals.
     fn samples<const S: usize>(&self, place: Place) -> Samples<N> {
         let cell = Cell { s: S, ..place.cell };
         let [a, b, c, d] = self.corners(place);
@@ -154,21 +125,6 @@ impl<N: Number> Holed<'_, N> {
             }
         }
         Samples { differences, kinds, worst }
-    }
-
-    /// Triangle by triangle.
-    fn clipped(&self, place: Place, mixed: bool, worst: f64) -> f64 {
-        let mut worst = worst;
-        if !mixed {
-            let from = self.at(place.x, place.y);
-            let samples = narrow_cell(&self.z[from..], &self.state[from..], self.n + 1, place.cell);
-            return self.outlined(place, worst.max(samples.wide() / place.cell.s as f64));
-        }
-        let planes = self.planes(place);
-        for triangle in 0..2 {
-            worst = worst.max(self.clipped_triangle(place, triangle, &planes));
-        }
-        worst
     }
 }
 

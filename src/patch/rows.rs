@@ -1,11 +1,10 @@
 //! The drawn surface of a cell in additions only, scaled by the cell size `s`, so that integers stay integers.
 //!
-//! Here are the plain sums. The same ones, in the same order, are made for many samples at a time: of the smallest cells in `comb`,
+//! Here are the terms. The same sums of them, in the same order, are made for many samples at a time: of the smallest cells in `comb`,
 //! of the others in `squares`.
 
 use crate::patch::cell::Cell;
 use crate::patch::number::Number;
-use crate::sample::VALID;
 
 /// The drawn surface of a cell, times `s`.
 ///
@@ -41,7 +40,7 @@ impl<N: Number> Drawn<N> {
         Self { cell, bits, start: a.scaled(bits), across: b.minus(a), down, bend }
     }
 
-    /// `s D` at the samples of a cell of `S <= 4` intervals, row by row, where sums are exact: the order of these is another.
+    /// `s D` at the samples of a cell of `S <= 4` intervals, row by row; the order of these sums is another.
     #[inline(always)]
     pub fn values<const S: usize>(&self) -> [[N; 5]; 5] {
         let falling = self.cell.falling;
@@ -63,54 +62,12 @@ impl<N: Number> Drawn<N> {
     }
 }
 
-/// Largest `s |z - D|` over the valid samples of a cell of `s <= 8` intervals whose corners are valid: the same sums, one by one.
-pub fn narrow_cell<N: Number>(z: &[N], class: &[u8], stride: usize, cell: Cell) -> N {
-    let s = cell.s;
-    let at = |x: usize, y: usize| y * stride + x;
-    let mut worst = N::ZERO;
-    let mut count = |index: usize, difference: N| {
-        if class[index] == VALID {
-            worst = worst.larger(difference.magnitude());
-        }
-    };
-    if s == 2 {
-        let [a, b] = if cell.falling { [at(0, 0), at(2, 2)] } else { [at(2, 0), at(0, 2)] };
-        for (c, a, b) in [
-            (at(1, 0), at(0, 0), at(2, 0)),
-            (at(0, 1), at(0, 0), at(0, 2)),
-            (at(2, 1), at(2, 0), at(2, 2)),
-            (at(1, 2), at(0, 2), at(2, 2)),
-            (at(1, 1), a, b),
-        ] {
-            count(c, z[c].scaled(1).minus(z[a]).minus(z[b]));
-        }
-        return worst;
-    }
-    let drawn = Drawn::new(cell, [z[0], z[s], z[at(0, s)], z[at(s, s)]]);
-    let mut bend = [N::ZERO; 9];
-    for m in 0..s {
-        bend[m + 1] = bend[m].plus(drawn.bend);
-    }
-    let mut base = drawn.start;
-    for v in 0..=s {
-        let mut across = N::ZERO;
-        for u in 0..=s {
-            let beyond = if cell.falling { v.saturating_sub(u) } else { (u + v).saturating_sub(s) };
-            let index = at(u, v);
-            count(index, z[index].scaled(drawn.bits).minus(base).minus(across).minus(bend[beyond]));
-            across = across.plus(drawn.across);
-        }
-        base = base.plus(drawn.down);
-    }
-    worst
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::patch::comb::{Comb, SmallCells};
     use crate::patch::squares::{Place, Squares};
-    use crate::sample::VOID;
+    use crate::sample::{VALID, VOID};
     use crate::simd;
     use proptest::prelude::*;
 
@@ -129,7 +86,7 @@ mod tests {
                 for (column, row) in (0..n / s * (n / s)).map(|i| (i % (n / s), i / (n / s))) {
                     let cell = Cell { s, falling: (column + row).is_multiple_of(2) };
                     let from = row * s * (n + 1) + column * s;
-                    let plain = narrow_cell(&z[from..], &valid[from..], n + 1, cell);
+                    let plain = narrow_cell(&z[from..], n + 1, cell);
                     prop_assert_eq!(*small.of(s, column, row), plain);
                 }
             }
@@ -150,6 +107,43 @@ mod tests {
             let mut squares = Squares::new((&z, &state, n), 1e-6, eights, &[3; 4]);
             prop_assert_eq!(squares.holed(place, false, 0.0)[0], most(&state));
         }
+    }
+
+    /// Largest `s |z - D|` over the samples of a cell of `s <= 8` intervals: the same sums, one by one.
+    fn narrow_cell(z: &[f64], stride: usize, cell: Cell) -> f64 {
+        let s = cell.s;
+        let at = |x: usize, y: usize| y * stride + x;
+        let mut worst = 0.0_f64;
+        if s == 2 {
+            let [a, b] = if cell.falling { [at(0, 0), at(2, 2)] } else { [at(2, 0), at(0, 2)] };
+            for (c, a, b) in [
+                (at(1, 0), at(0, 0), at(2, 0)),
+                (at(0, 1), at(0, 0), at(0, 2)),
+                (at(2, 1), at(2, 0), at(2, 2)),
+                (at(1, 2), at(0, 2), at(2, 2)),
+                (at(1, 1), a, b),
+            ] {
+                worst = worst.max((2.0 * z[c] - z[a] - z[b]).abs());
+            }
+            return worst;
+        }
+        let drawn = Drawn::new(cell, [z[0], z[s], z[at(0, s)], z[at(s, s)]]);
+        let mut bend = [0.0; 9];
+        for m in 0..s {
+            bend[m + 1] = bend[m] + drawn.bend;
+        }
+        let mut base = drawn.start;
+        for v in 0..=s {
+            let mut across = 0.0;
+            for u in 0..=s {
+                let beyond = if cell.falling { v.saturating_sub(u) } else { (u + v).saturating_sub(s) };
+                let difference = z[at(u, v)].scaled(drawn.bits) - base - across - bend[beyond];
+                worst = worst.max(difference.abs());
+                across += drawn.across;
+            }
+            base += drawn.down;
+        }
+        worst
     }
 
     /// Largest `s |z - D|` over the valid samples of a cell that is a tile.

@@ -40,7 +40,7 @@ impl<N: Number> Sums<N> {
         }
     }
 
-    /// Sets up the sums of a surface, added up in the order of [`narrow_cell`](crate::patch::rows::narrow_cell).
+    /// Sets up the sums of a surface, added up one after the other.
     #[inline(always)]
     pub fn set(&mut self, drawn: &Drawn<N>) {
         let s = drawn.cell.s;
