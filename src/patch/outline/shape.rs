@@ -263,7 +263,13 @@ impl<T: Convex> Things<T> {
         if bound.settles(top) {
             return;
         }
-        let top = smaller(top, self.below_two(lowest, near));
+        let (below, crossings) = self.below_two(lowest, near);
+        let top = smaller(top, below);
+        if bound.settles(top) {
+            return;
+        }
+        // The farthest point is often where two things are equally near, between the corners.
+        bound.reached(self.nearest_on_sides([a, b, c], crossings, first));
         if bound.settles(top) {
             return;
         }
@@ -279,10 +285,10 @@ impl<T: Convex> Things<T> {
     }
 
     /// An upper bound for the squared distance to the nearer one of two things: number `one` of those looked at, and the one that
-    /// is nearest where that is farthest.
+    /// is nearest where that is farthest. Also how far along the sides from one corner to the next their planes cross; 0 where they do not.
     #[inline(always)]
-    fn below_two(&self, one: usize, near: [f64; LANES]) -> f64 {
-        let Some(&[a, b, c, _]) = self.distances.get(one) else { return f64::INFINITY };
+    fn below_two(&self, one: usize, near: [f64; LANES]) -> (f64, [f64; 3]) {
+        let Some(&[a, b, c, _]) = self.distances.get(one) else { return (f64::INFINITY, [0.0; 3]) };
         let corner = if a >= b && a >= c {
             0
         } else if b >= c {
@@ -291,16 +297,38 @@ impl<T: Convex> Things<T> {
             2
         };
         let nearest = self.distances.iter().find(|squared| squared[corner] <= near[corner]);
-        let Some(&[d, e, f, _]) = nearest else { return f64::INFINITY };
+        let Some(&[d, e, f, _]) = nearest else { return (f64::INFINITY, [0.0; 3]) };
         // The lower one of two planes is highest at a corner, or on a side where they cross.
-        let crossing = |(p, q): (f64, f64), (r, s): (f64, f64)| {
-            let (at_start, at_end) = (p - q, r - s);
-            if at_start * at_end < 0.0 { p + (r - p) * (at_start / (at_start - at_end)) } else { 0.0 }
-        };
-        let corners = larger(larger(smaller(a, d), smaller(b, e)), smaller(c, f));
-        let sides =
-            larger(larger(crossing((a, d), (b, e)), crossing((b, e), (c, f))), crossing((c, f), (a, d)));
-        larger(corners, sides)
+        let (ones, others) = ([a, b, c], [d, e, f]);
+        let (mut top, mut crossings) = (0.0, [0.0; 3]);
+        for (i, crossing) in crossings.iter_mut().enumerate() {
+            let next = (i + 1) % 3;
+            let (at_start, at_end) = (ones[i] - others[i], ones[next] - others[next]);
+            top = larger(smaller(ones[i], others[i]), top);
+            if at_start * at_end < 0.0 {
+                *crossing = at_start / (at_start - at_end);
+                top = larger(ones[i] + (ones[next] - ones[i]) * *crossing, top);
+            }
+        }
+        (top, crossings)
+    }
+
+    /// The largest squared distance from the nearest of the things from number `first` on, of a point on each side of a triangle.
+    #[inline(always)]
+    fn nearest_on_sides(&self, corners: [(f64, f64); 3], along: [f64; 3], first: usize) -> f64 {
+        let (mut x, mut y) = ([corners[0].0; LANES], [corners[0].1; LANES]);
+        for i in 0..3 {
+            let (from, to) = (corners[i], corners[(i + 1) % 3]);
+            (x[i], y[i]) = (from.0 + (to.0 - from.0) * along[i], from.1 + (to.1 - from.1) * along[i]);
+        }
+        let mut near = [f64::INFINITY; LANES];
+        for thing in &self.list[first..] {
+            let squared = thing.squared(x, y);
+            for i in 0..LANES {
+                near[i] = smaller(squared[i], near[i]);
+            }
+        }
+        near.into_iter().fold(0.0, f64::max)
     }
 
     /// Appends those of the things from number `first` on that may be the nearest of a point of the triangle. The
