@@ -7,7 +7,7 @@ use std::io::Cursor;
 use std::ops::RangeInclusive;
 
 use zstd::zstd_safe::zstd_sys::ZSTD_EndDirective;
-use zstd::zstd_safe::{self, CCtx, CParameter, DCtx, InBuffer, OutBuffer, ResetDirective};
+use zstd::zstd_safe::{self, CCtx, CParameter, DCtx, InBuffer, OutBuffer, ParamSwitch, ResetDirective};
 
 use crate::error::{Error, Result};
 
@@ -18,6 +18,12 @@ const LEVEL: i32 = 1;
 const MIN_MATCH: u32 = 7;
 /// Bytes of content from which on that holds.
 const PLANE: usize = 4096;
+/// Binary logarithm of the places where a match is looked up, in a plane of residuals: what repeats there does so nearby, and any other
+/// match takes the place of Huffman codes that are shorter.
+const HASH_LOG: u32 = 10;
+/// Bytes that the search for matches goes on by, in a plane of residuals, for the same reason. That is a tenth of the time of a build of
+/// smooth terrain, and files are 2 to 3 per cent smaller; of rough terrain in small tiles, up to half a per cent larger.
+const STRIDE: u32 = 7;
 
 thread_local! {
     /// Contexts of this thread: setting one up costs more than a small frame.
@@ -30,8 +36,8 @@ pub fn compress(content: &[u8], out: &mut Vec<u8>) -> Result<()> {
     compress_parts(content, &[], out)
 }
 
-/// Appends `content` as one frame. At the `cuts`, which ascend, new blocks start, with codes of their own: it pays where
-/// the content changes.
+/// Appends `content`, a plane of residuals, as one frame. At the `cuts`, which ascend, new blocks start, with codes of their own: it
+/// pays where the content changes.
 pub fn compress_parts(content: &[u8], cuts: &[usize], out: &mut Vec<u8>) -> Result<()> {
     let start = out.len();
     // A block costs 3 bytes at most beyond what the bound allows for.
@@ -41,7 +47,10 @@ pub fn compress_parts(content: &[u8], cuts: &[usize], out: &mut Vec<u8>) -> Resu
             Some(context) => context,
             None => context.insert(new_compressor()?),
         };
-        context.set_parameter(CParameter::MinMatch(if content.len() < PLANE { 0 } else { MIN_MATCH }))?;
+        let (is_plane, is_large) = (!cuts.is_empty(), content.len() >= PLANE);
+        context.set_parameter(CParameter::MinMatch(if is_large { MIN_MATCH } else { 0 }))?;
+        context.set_parameter(CParameter::HashLog(if is_plane && is_large { HASH_LOG } else { 0 }))?;
+        context.set_parameter(CParameter::TargetLength(if is_plane && is_large { STRIDE } else { 0 }))?;
         if cuts.is_empty() {
             let mut behind = Cursor::new(&mut *out);
             behind.set_position(start as u64);
@@ -80,6 +89,8 @@ fn new_compressor() -> Result<CCtx<'static>, usize> {
     context.set_parameter(CParameter::ContentSizeFlag(true))?;
     context.set_parameter(CParameter::ChecksumFlag(false))?;
     context.set_parameter(CParameter::DictIdFlag(false))?;
+    // Left alone, zstd would think that who wants a stride has no time for Huffman codes.
+    context.set_parameter(CParameter::LiteralCompressionMode(ParamSwitch::Enable))?;
     Ok(context)
 }
 
