@@ -36,16 +36,17 @@ pub fn leaf(
             let small = simd::run(Comb::<_, _, _, 8> { z, n, lane: |z| z });
             sizes(Tile::new(z, state, unit, slack, geometry), small)
         }
-        Heights::Wide(z) => {
+        Heights::Wide(z) | Heights::Small(z) => {
             let small = simd::run(Comb::<_, _, _, 8> { z, n, lane: |z| z });
             sizes(Tile::new(z, state, unit, slack, geometry), small)
         }
     };
+    let metres = geometry.metres * heights.unit();
     for (bits, errors) in steps.iter_mut().enumerate() {
         // Sums of a larger size have more terms.
         let slack = slack * f64::from(1_u32 << bits);
         for error in errors {
-            *error = if *error > 0.0 { (*error + slack) * geometry.metres } else { 0.0 };
+            *error = if *error > 0.0 { (*error + slack) * metres } else { 0.0 };
         }
     }
     let ahead = steps.split_off(geometry.steps());

@@ -13,6 +13,8 @@ pub enum Heights<'a> {
     Short(Cow<'a, [i32]>),
     /// Codes or values.
     Wide(Vec<f64>),
+    /// Values so large that sums of them leave f64: 2^-64 of them.
+    Small(Vec<f64>),
 }
 
 /// Up to this range no partial sum of `s (z - D)`, `s <= 2^10`, leaves 32 bits: its terms add up to at most 12 s ranges.
@@ -20,6 +22,11 @@ const NARROW_RANGE: i64 = 1 << 17;
 
 /// Up to this range `s (z - D)`, `s <= 8`, fits 16 bits.
 const SHORT_RANGE: i64 = i16::MAX as i64 / 8;
+
+/// Up to this height no sum of `s (z - D)`, `s <= 2^10`, leaves f64.
+const LARGE: f64 = 1e300;
+/// What larger heights are measured in, 2^64: they and their differences stay what they are but for bits that no sum keeps.
+const LARGE_UNIT: f64 = 18_446_744_073_709_551_616.0;
 
 /// Lowest and highest of codes. No early end: this way the compiler makes vectors of it.
 struct Extremes<'a>(&'a [i32]);
@@ -89,7 +96,11 @@ impl<'a> Heights<'a> {
                 Self::Wide(lattice.code.iter().map(|&code| f64::from(f32_from_code(code))).collect())
             }
             Coding::Float64 => {
-                Self::Wide((0..lattice.code.len()).map(|i| lattice.value(i, coding)).collect())
+                let z: Vec<f64> = (0..lattice.code.len()).map(|i| lattice.value(i, coding)).collect();
+                if z.iter().any(|z| z.abs() > LARGE) {
+                    return Self::Small(z.into_iter().map(|z| z / LARGE_UNIT).collect());
+                }
+                Self::Wide(z)
             }
         }
     }
@@ -125,7 +136,14 @@ impl<'a> Heights<'a> {
     pub fn slack(&self, coding: Coding) -> f64 {
         match (self, coding) {
             (_, Coding::Integer { .. }) | (Self::Narrow(_) | Self::Short(_), _) => 0.0,
-            (Self::Wide(z), _) => z.iter().fold(0.0, |a: f64, v| a.max(v.abs())) * (0.5_f64).powi(48),
+            (Self::Wide(z) | Self::Small(z), _) => {
+                z.iter().fold(0.0, |a: f64, v| a.max(v.abs())) * (0.5_f64).powi(48)
+            }
         }
+    }
+
+    /// What errors of these heights are to be multiplied with.
+    pub fn unit(&self) -> f64 {
+        if matches!(self, Self::Small(_)) { LARGE_UNIT } else { 1.0 }
     }
 }
