@@ -94,7 +94,7 @@ def timed(command, work):
 def commands(dem, work, programs):
     """Every command by name, and what it writes."""
     rlv, tif = os.path.join(work, "out.rlv"), os.path.join(work, "out.tif")
-    build = [os.path.join(programs, "relevo"), "build", dem, "-o", rlv, "--force", "--progress", "none"]
+    build = [os.path.join(programs, "relevo"), "build", dem, "-o", rlv, "--progress", "none"]
     decode = [os.path.join(programs, "examples", "decode_only"), dem]
     cog = [word for option in COG for word in ("-co", option)]
     return {
@@ -143,6 +143,9 @@ def main():
             if len(done) > turn:
                 continue
             read_through(dem)
+            # Every program makes a new file.
+            if writes and os.path.exists(writes):
+                os.remove(writes)
             run, _ = timed(command, work)
             if writes:
                 run["bytes"] = os.path.getsize(writes)
