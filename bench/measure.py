@@ -117,7 +117,9 @@ def main():
     data, case, runs, programs = sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4]
     dem = os.path.join(data, case + ".tif")
     work = os.path.join(data, "scratch")
-    os.makedirs(work, exist_ok=True)
+    # What an interrupted run left there would stand in the way.
+    shutil.rmtree(work, ignore_errors=True)
+    os.makedirs(work)
     save(os.path.join(data, "results", "machine.json"), machine(programs))
     path = os.path.join(data, "results", case + ".json")
     stamp = sha256(os.path.join(programs, "relevo"))

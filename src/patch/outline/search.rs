@@ -23,7 +23,7 @@ const SLACK: [(u32, f64); 3] = [(500, 1.005 * 1.005), (2_000, 1.04 * 1.04), (u32
 pub(super) struct Bound {
     low: f64,
     top: f64,
-    /// Triangles looked at.
+    /// How often a triangle was looked at.
     effort: u32,
 }
 
