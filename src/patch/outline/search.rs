@@ -23,16 +23,22 @@ const SLACK: [(u32, f64); 3] = [(500, 1.005 * 1.005), (2_000, 1.04 * 1.04), (u32
 pub(super) struct Bound {
     low: f64,
     top: f64,
-    /// How often a triangle was looked at.
+    /// Triangles looked at.
     effort: u32,
 }
 
 impl Bound {
-    /// Takes notice of a misdrawn point that is this far.
+    /// Takes notice of a misdrawn point of a triangle that is this far.
     #[inline]
     pub(super) fn reached(&mut self, squared: f64) {
-        self.low = self.low.max(squared);
+        self.raise(squared);
         self.effort = self.effort.saturating_add(1);
+    }
+
+    /// Takes notice of another misdrawn point of that triangle.
+    #[inline]
+    pub(super) fn raise(&mut self, squared: f64) {
+        self.low = self.low.max(squared);
     }
 
     /// True if points that are at most this far need no closer look; they are covered then.

@@ -269,7 +269,7 @@ impl<T: Convex> Things<T> {
             return;
         }
         // The farthest point is often where two things are equally near, between the corners.
-        bound.reached(self.nearest_on_sides([a, b, c], crossings, first));
+        bound.raise(self.nearest_on_sides([a, b, c], crossings, first));
         if bound.settles(top) {
             return;
         }
