@@ -1,32 +1,104 @@
 //! Questions about states of samples that both fills and the codec ask.
 
-use crate::sample::VALID;
+use crate::sample::{FILLED, VALID};
+use crate::simd::{self, Kernel};
 
 /// True if no sample is void. Looks at all of them: that is fast.
+#[inline]
 pub fn all_valid(state: &[u8]) -> bool {
     state.iter().fold(0, |different, state| different | (state ^ VALID)) == 0
 }
 
+/// Lowest and highest of some codes; `None` if there are none.
+pub fn range(code: &[i32]) -> Option<(i32, i32)> {
+    simd::run(RangeOfAll(code))
+}
+
+/// Lowest and highest code of the samples that have a height; `None` if none has. One state for each code.
+pub fn known_range(code: &[i32], state: &[u8]) -> Option<(i32, i32)> {
+    simd::run(RangeOf::<FILLED> { code, state })
+}
+
+/// Lowest and highest code of the valid samples; `None` if there are none. One state for each code.
+pub fn valid_range(code: &[i32], state: &[u8]) -> Option<(i32, i32)> {
+    simd::run(RangeOf::<VALID> { code, state })
+}
+
+/// See [`range`]. No early end: this way the compiler makes vectors of it.
+struct RangeOfAll<'a>(&'a [i32]);
+
+impl Kernel for RangeOfAll<'_> {
+    type Output = Option<(i32, i32)>;
+
+    #[inline(always)]
+    fn run(self) -> Option<(i32, i32)> {
+        let (mut low, mut high) = (i32::MAX, i32::MIN);
+        for &code in self.0 {
+            (low, high) = (low.min(code), high.max(code));
+        }
+        (!self.0.is_empty()).then_some((low, high))
+    }
+}
+
+/// Lowest and highest code of the samples whose state is at least `LEAST`.
+struct RangeOf<'a, const LEAST: u8> {
+    code: &'a [i32],
+    state: &'a [u8],
+}
+
+impl<const LEAST: u8> Kernel for RangeOf<'_, LEAST> {
+    type Output = Option<(i32, i32)>;
+
+    #[inline(always)]
+    fn run(self) -> Option<(i32, i32)> {
+        let (code, state) = (self.code, &self.state[..self.code.len()]);
+        if all_valid(state) {
+            return RangeOfAll(code).run();
+        }
+        let (mut low, mut high) = (i32::MAX, i32::MIN);
+        for i in 0..code.len() {
+            // All ones of a sample that does not count. A condition would become loads under a mask, which are slow.
+            let out = -i32::from(state[i] < LEAST);
+            low = low.min((code[i] & !out) | (out & i32::MAX));
+            high = high.max((code[i] & !out) | (out & i32::MIN));
+        }
+        // Only where no sample counts is the lowest above the highest.
+        (low <= high).then_some((low, high))
+    }
+}
+
 /// Visits the places of `state` in a row of states, in order. Looks at 32 at a time, of which most often none is.
-pub fn each_place(row: &[u8], state: u8, mut visit: impl FnMut(usize)) {
+pub fn each_place(row: &[u8], state: u8, visit: impl FnMut(usize)) {
+    visit_places::<true>(row, state, visit);
+}
+
+/// Visits the places of other states than `state` in a row of states, as [`each_place`].
+pub fn each_other_place(row: &[u8], state: u8, visit: impl FnMut(usize)) {
+    visit_places::<false>(row, state, visit);
+}
+
+/// Visits the places where it is `EQUAL` that the state is `state`.
+#[inline]
+fn visit_places<const EQUAL: bool>(row: &[u8], state: u8, mut visit: impl FnMut(usize)) {
     let (blocks, rest) = row.as_chunks::<32>();
-    let mut last = [!state; 32];
+    let mut last = [if EQUAL { !state } else { state }; 32];
     last[..rest.len()].copy_from_slice(rest);
     for (first, block) in (0..).step_by(32).zip(blocks.iter().chain([&last])) {
-        if block.iter().fold(0, |any, &other| any | u8::from(other == state)) != 0 {
-            each_place_of_block(block, state, |place| visit(first + place));
+        if block.iter().fold(0, |any, &other| any | u8::from((other == state) == EQUAL)) != 0 {
+            visit_places_of_block::<EQUAL>(block, state, |place| visit(first + place));
         }
     }
 }
 
-/// [`each_place`], eight at a time.
-fn each_place_of_block(block: &[u8; 32], state: u8, mut visit: impl FnMut(usize)) {
+/// [`visit_places`], eight at a time.
+fn visit_places_of_block<const EQUAL: bool>(block: &[u8; 32], state: u8, mut visit: impl FnMut(usize)) {
     const LOW: u64 = 0x7F7F_7F7F_7F7F_7F7F;
     let wanted = u64::from_le_bytes([state; 8]);
     for (first, word) in (0..).step_by(8).zip(block.as_chunks::<8>().0) {
         let different = u64::from_le_bytes(*word) ^ wanted;
-        // The highest bit of every byte that is 0.
-        let mut found = !(((different & LOW) + LOW) | different | LOW);
+        // The highest bit of every byte that is not 0.
+        let other = (((different & LOW) + LOW) | different) & !LOW;
+        let mut found = if EQUAL { other ^ !LOW } else { other };
         while found != 0 {
             visit(first + found.trailing_zeros() as usize / 8);
             found &= found - 1;
@@ -35,7 +107,7 @@ fn each_place_of_block(block: &[u8; 32], state: u8, mut visit: impl FnMut(usize)
 }
 
 /// The lower median of the `count` smallest of eight numbers; `None` if `count` is 0.
-pub fn median_of(mut numbers: [i64; 8], count: usize) -> Option<i64> {
+pub fn median_of<N: Ord + Copy>(mut numbers: [N; 8], count: usize) -> Option<N> {
     let middle = count.checked_sub(1)? / 2;
     // A network of comparisons sorts without a branch to be guessed wrong.
     let mut sort = |a: usize, b: usize| {
@@ -81,6 +153,26 @@ mod tests {
     }
 
     #[test]
+    fn ranges_are_those_of_the_samples_that_count() {
+        let mut seed = 7_u32;
+        let mut random = move || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            seed >> 8
+        };
+        for length in [0, 1, 15, 16, 17, 66, 300] {
+            for kinds in [1, 2, 3, 40] {
+                let state: Vec<u8> = (0..length).map(|_| (random() % kinds % 3) as u8).collect();
+                let ends = [i32::MIN, i32::MAX, -5, 9];
+                let code: Vec<i32> = (0..length).map(|_| ends[random() as usize % 4]).collect();
+                for (least, range) in [(FILLED, known_range(&code, &state)), (VALID, valid_range(&code, &state))] {
+                    let counting = || code.iter().zip(&state).filter(|(_, state)| **state >= least).map(|(code, _)| *code);
+                    assert_eq!(range, counting().min().zip(counting().max()));
+                }
+            }
+        }
+    }
+
+    #[test]
     fn every_place_is_visited_in_order() {
         for length in [0, 7, 32, 33, 129] {
             let row: Vec<u8> = (0..length).map(|place| (place * place / 5 % 3) as u8).collect();
@@ -89,6 +181,10 @@ mod tests {
                 each_place(&row, state, |place| places.push(place));
                 let expected: Vec<_> = (0..length).filter(|&place| row[place] == state).collect();
                 assert_eq!(places, expected);
+                let mut others = Vec::new();
+                each_other_place(&row, state, |place| others.push(place));
+                let expected: Vec<_> = (0..length).filter(|&place| row[place] != state).collect();
+                assert_eq!(others, expected);
             }
         }
     }

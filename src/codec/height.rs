@@ -8,7 +8,7 @@ use crate::codec::walk::{Decoder, Encoder, Places};
 use crate::codec::{Scratch, bits, decimal, frame, order};
 use crate::error::{Error, Result};
 use crate::sample::{Coding, Lattice, VALID, VOID};
-use crate::simd::{self, Kernel};
+use crate::states;
 
 /// Bytes before the byte plane.
 const HEAD: usize = 12;
@@ -222,41 +222,6 @@ fn check_shape(lattice: &Lattice, coding: Coding) -> Result<()> {
     Err(Error::usage(format!("a lattice of {} intervals does not have the samples of a tile", lattice.n)))
 }
 
-/// Smallest and largest code of the samples with a height.
-fn range(codes: &[i32], places: Places<'_>) -> Option<(i32, i32)> {
-    let (low, high) = simd::run(LiveRange { codes, places });
-    (low <= high).then_some((low, high))
-}
-
-/// [`range`]; the larger first if there is no sample with a height.
-struct LiveRange<'a> {
-    codes: &'a [i32],
-    places: Places<'a>,
-}
-
-impl Kernel for LiveRange<'_> {
-    type Output = (i32, i32);
-
-    #[inline(always)]
-    fn run(self) -> (i32, i32) {
-        let Self { codes, places } = self;
-        let (mut low, mut high) = (i32::MAX, i32::MIN);
-        if places.has_void {
-            let state = &places.state[..codes.len()];
-            for i in 0..codes.len() {
-                let live = state[i] != VOID;
-                low = low.min(if live { codes[i] } else { i32::MAX });
-                high = high.max(if live { codes[i] } else { i32::MIN });
-            }
-        } else {
-            for &code in codes {
-                (low, high) = (low.min(code), high.max(code));
-            }
-        }
-        (low, high)
-    }
-}
-
 /// True if all samples with a height have the same.
 fn is_constant(lattice: &Lattice) -> bool {
     let mut live = lattice.code.iter().zip(&lattice.state).filter(|(_, state)| **state != VOID);
@@ -265,15 +230,21 @@ fn is_constant(lattice: &Lattice) -> bool {
 
 /// True if 32-bit arithmetic predicts this tile rightly, relative to its base.
 fn is_narrow(codes: &[i32], places: Places<'_>) -> bool {
-    let Some((low, high)) = range(codes, places) else { return true };
+    let limit = if places.has_void { NARROW_RANGE_VOID } else { NARROW_RANGE };
+    let narrow = |low: i32, high: i32| i64::from(high) - i64::from(low) < limit;
+    // Those that stand for no height, and 0, are seldom far from the others.
+    let (lowest, highest) = states::range(codes).unwrap_or_default();
+    if narrow(lowest.min(0), highest.max(0)) {
+        return true;
+    }
+    let Some((low, high)) = states::known_range(codes, places.state) else { return true };
     // The base is one of the heights, or 0; and 0 stands in where no parent is valid.
     let base_is_height = !places.root || places.state[0] != VOID;
     let has_parent = order::stages(places.n, places.root)
         .take(1)
         .any(|first| (0..=first.m).any(|b| first.parents(b).of(places.state).any(|&state| state == VALID)));
     let (low, high) = if base_is_height && has_parent { (low, high) } else { (low.min(0), high.max(0)) };
-    let limit = if places.has_void { NARROW_RANGE_VOID } else { NARROW_RANGE };
-    i64::from(high) - i64::from(low) < limit
+    narrow(low, high)
 }
 
 /// The lows of all newborn samples, byte by byte; 0 for those without a height.

@@ -134,10 +134,11 @@ impl Stage {
         self.half
     }
 
-    /// The samples of the refined lattice around one of them; a place outside the lattice is given as the sample itself.
-    pub fn around(self, at: usize) -> [usize; 8] {
+    /// Indices of the samples of the refined lattice around the one in column `x`, row `y`; a place outside the lattice is given as the
+    /// sample itself.
+    pub fn around(self, (x, y): (usize, usize)) -> [usize; 8] {
         let (width, half) = (self.n + 1, self.half);
-        let (x, y) = (at % width, at / width);
+        let at = y * width + x;
         let west = if x >= half { half } else { 0 };
         let east = if x + half <= self.n { half } else { 0 };
         let north = if y >= half { half * width } else { 0 };

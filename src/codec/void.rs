@@ -1,21 +1,23 @@
 //! What stands in for void samples (`format-spec.md`, section 9.2): among parents, so that their neighbours can be
 //! predicted, and among newborn samples, whose fills mostly are the median of what is around them.
 
+use std::ops::Range;
+
 use crate::codec::order::Stage;
 use crate::sample::VALID;
 use crate::states;
 
-/// The lower median of the codes of the valid samples around the void one at index `at`; `None` if there is none.
-pub fn lower_median(codes: &[i32], state: &[u8], stage: Stage, at: usize) -> Option<i32> {
-    let (mut near, mut count) = ([i64::MAX; 8], 0);
+/// The lower median of the codes of the valid samples around the void one in column `x`, row `y`; `None` if there is none.
+pub fn lower_median(codes: &[i32], state: &[u8], stage: Stage, at: (usize, usize)) -> Option<i32> {
+    let (mut near, mut count) = ([i32::MAX; 8], 0);
     // A place outside the lattice is the void sample itself.
-    for &place in &stage.around(at) {
-        if state[place] == VALID {
-            near[count] = i64::from(codes[place]);
-            count += 1;
-        }
+    for (near, place) in near.iter_mut().zip(stage.around(at)) {
+        // All ones of a sample that does not count: there is no telling which do, so no branch that could guess.
+        let out = -i32::from(state[place] != VALID);
+        *near = (codes[place] & !out) | (out & i32::MAX);
+        count += (out + 1) as usize;
     }
-    states::median_of(near, count).map(|code| code as i32)
+    states::median_of(near, count)
 }
 
 /// Whether a sample of row `y` may have a valid one around it, `h` samples away, column by column into `near`: most void samples have
@@ -67,23 +69,30 @@ pub fn replace(parents: &mut [i32], states: &[u8], m: usize) {
 
 /// Replaces the void samples of one row; false if none is valid.
 fn replace_in_row(row: &mut [i32], states: &[u8]) -> bool {
-    let mut last = None;
-    states::each_place(states, VALID, |a| {
-        match last {
-            None => {
-                let code = row[a];
-                row[..a].fill(code);
-            }
-            Some(before) if before + 1 < a => interpolate(&mut row[before..=a]),
-            Some(_) => {}
+    let mut run = 0..0;
+    states::each_other_place(states, VALID, |void| {
+        if void > run.end {
+            replace_run(row, &run);
+            run.start = void;
         }
-        last = Some(a);
+        run.end = void + 1;
     });
-    if let Some(last) = last {
-        let code = row[last];
-        row[last..].fill(code);
+    replace_run(row, &run);
+    run.len() < row.len()
+}
+
+/// Replaces a run of void samples that ends where the row does, or at a valid one.
+fn replace_run(row: &mut [i32], run: &Range<usize>) {
+    match (run.start.checked_sub(1), row.get(run.end)) {
+        _ if run.is_empty() => {}
+        (Some(before), Some(_)) => interpolate(&mut row[before..=run.end]),
+        (None, Some(&after)) => row[run.clone()].fill(after),
+        (Some(before), None) => {
+            let code = row[before];
+            row[run.clone()].fill(code);
+        }
+        (None, None) => {}
     }
-    last.is_some()
 }
 
 /// Sets all but the ends of `run` to the straight line between them, rounded down.

@@ -288,7 +288,7 @@ impl Coder for Encoder<'_> {
     }
 
     fn fill(&mut self, stage: Stage) {
-        let state = self.places.state;
+        let (state, width) = (self.places.state, self.places.n + 1);
         let mut start = self.residuals.len() - stage.newborn_count();
         for row in stage.newborn() {
             let residuals = &mut self.residuals[start..start + row.count];
@@ -297,12 +297,15 @@ impl Coder for Encoder<'_> {
             if states::all_valid(states) {
                 continue;
             }
+            let (first, y) = (row.first % width, row.first / width);
+            // A power of two.
+            let step = row.step.trailing_zeros();
             states::each_place(states, FILLED, |place| {
-                let at = row.first + place;
-                if place % row.step == 0
-                    && let Some(median) = void::lower_median(self.codes, state, stage, at)
+                let number = place >> step;
+                if number << step == place
+                    && let Some(median) = void::lower_median(self.codes, state, stage, (first + place, y))
                 {
-                    residuals[place / row.step] = bits::zigzag(self.codes[at].wrapping_sub(median));
+                    residuals[number] = bits::zigzag(self.codes[row.first + place].wrapping_sub(median));
                 }
             });
         }
@@ -368,8 +371,8 @@ impl Coder for Decoder<'_> {
             void::near_valid(state, width, y, stage.half(), &mut near);
             for (&g, at) in residuals.iter().zip(row.indices()) {
                 if state[at] != VALID {
-                    let median =
-                        near[at - y * width].then(|| void::lower_median(self.codes, state, stage, at));
+                    let x = at - y * width;
+                    let median = near[x].then(|| void::lower_median(self.codes, state, stage, (x, y)));
                     let median = median.flatten();
                     self.codes[at] = median.unwrap_or(self.codes[at]).wrapping_add(bits::unzigzag(g));
                 }

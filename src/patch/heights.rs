@@ -2,8 +2,9 @@
 
 use std::borrow::Cow;
 
-use crate::sample::{Coding, Lattice, VOID, f32_from_code};
+use crate::sample::{Coding, Lattice, f32_from_code};
 use crate::simd::{self, Kernel};
+use crate::states;
 
 /// Heights of a lattice.
 pub enum Heights<'a> {
@@ -27,49 +28,6 @@ const SHORT_RANGE: i64 = i16::MAX as i64 / 8;
 const LARGE: f64 = 1e300;
 /// What larger heights are measured in, 2^64: they and their differences stay what they are but for bits that no sum keeps.
 const LARGE_UNIT: f64 = 18_446_744_073_709_551_616.0;
-
-/// Lowest and highest of codes. No early end: this way the compiler makes vectors of it.
-struct Extremes<'a>(&'a [i32]);
-
-impl Kernel for Extremes<'_> {
-    type Output = (i32, i32);
-
-    #[inline(always)]
-    fn run(self) -> (i32, i32) {
-        self.0.iter().fold((i32::MAX, i32::MIN), |(low, high), &code| (low.min(code), high.max(code)))
-    }
-}
-
-/// Lowest and highest of the codes that mean something; 0 if there are none.
-struct KnownExtremes<'a>(&'a Lattice);
-
-impl Kernel for KnownExtremes<'_> {
-    type Output = (i32, i32);
-
-    #[inline(always)]
-    fn run(self) -> (i32, i32) {
-        let Lattice { code, state, .. } = self.0;
-        // Lanes of their own: the compiler makes no vectors of the plain loop.
-        let (mut low, mut high) = ([i32::MAX; 8], [i32::MIN; 8]);
-        let (codes, states) = (code.chunks_exact(8), state.chunks_exact(8));
-        take_known(&mut low, &mut high, codes.remainder(), states.remainder());
-        for (code, state) in codes.zip(states) {
-            take_known(&mut low, &mut high, code, state);
-        }
-        let low = low.into_iter().fold(i32::MAX, i32::min);
-        let high = high.into_iter().fold(i32::MIN, i32::max);
-        if low > high { (0, 0) } else { (low, high) }
-    }
-}
-
-/// Takes in up to eight codes, each in its lane.
-#[inline(always)]
-fn take_known(low: &mut [i32; 8], high: &mut [i32; 8], code: &[i32], state: &[u8]) {
-    for ((low, high), (&code, &state)) in low.iter_mut().zip(high).zip(code.iter().zip(state)) {
-        *low = (*low).min(if state == VOID { i32::MAX } else { code });
-        *high = (*high).max(if state == VOID { i32::MIN } else { code });
-    }
-}
 
 /// Codes moved into a range, less its lowest.
 struct Clamped<'a> {
@@ -108,12 +66,12 @@ impl<'a> Heights<'a> {
     fn of_codes(lattice: &'a Lattice) -> Self {
         let codes = &lattice.code;
         let range = |low: i32, high: i32| i64::from(high) - i64::from(low);
-        let (low, high) = simd::run(Extremes(codes));
+        let (low, high) = states::range(codes).unwrap_or_default();
         let near = i64::from(low) > -NARROW_RANGE / 2 && i64::from(high) < NARROW_RANGE / 2;
         if near && range(low, high) <= SHORT_RANGE {
             return Self::Short(Cow::Borrowed(codes));
         }
-        let (low, high) = simd::run(KnownExtremes(lattice));
+        let (low, high) = states::known_range(codes, &lattice.state).unwrap_or_default();
         let clamped = || Cow::Owned(simd::run(Clamped { codes, low, high }));
         if range(low, high) <= SHORT_RANGE {
             return Self::Short(clamped());

@@ -9,6 +9,7 @@
 mod buffers;
 mod bytes;
 mod checkpoint;
+mod counts;
 pub mod imagery;
 mod memory;
 mod merge;

@@ -8,8 +8,8 @@ use crate::patch::blocks::Blocks;
 use crate::pipeline::buffers::Buffers;
 use crate::pipeline::bytes::{Reader, Writer, unpacked};
 use crate::pipeline::plan::Plan;
-use crate::sample::{Coding, FILLED, Lattice, VALID, VOID};
-use crate::simd::{self, Kernel};
+use crate::sample::{Coding, FILLED, Lattice, VALID};
+use crate::states;
 
 /// A quarter of a parent.
 #[derive(Clone, Debug, PartialEq)]
@@ -210,12 +210,14 @@ impl Range {
                     .fold(Self::EMPTY, |range, v| Self { low: range.low.min(v), high: range.high.max(v) })
             });
         }
-        simd::run(Extremes { code: &lattice.code, state: &lattice.state }).map(|(low, high)| {
-            if low > high {
-                return Self::EMPTY;
-            }
-            let (a, b) = (coding.value(low, 0), coding.value(high, 0));
-            Self { low: a.min(b), high: a.max(b) }
+        let (code, state) = (&lattice.code, &lattice.state);
+        let known = states::known_range(code, state);
+        let valid = if states::all_valid(state) { known } else { states::valid_range(code, state) };
+        [known, valid].map(|range| {
+            range.map_or(Self::EMPTY, |(low, high)| {
+                let (a, b) = (coding.value(low, 0), coding.value(high, 0));
+                Self { low: a.min(b), high: a.max(b) }
+            })
         })
     }
 
@@ -231,37 +233,5 @@ impl Range {
         let down = if f64::from(low as f32) > low { (low as f32).next_down() } else { low as f32 };
         let up = if f64::from(high as f32) < high { (high as f32).next_up() } else { high as f32 };
         (down, up)
-    }
-}
-
-/// Lowest and highest code of the samples that are not void, and of the valid ones.
-struct Extremes<'a> {
-    code: &'a [i32],
-    state: &'a [u8],
-}
-
-impl Kernel for Extremes<'_> {
-    type Output = [(i32, i32); 2];
-
-    #[inline(always)]
-    fn run(self) -> [(i32, i32); 2] {
-        const NONE: (i32, i32) = (i32::MAX, i32::MIN);
-        if self.state.iter().fold(0, |other, &state| other | u8::from(state != VALID)) == 0 {
-            let (low, high) =
-                self.code.iter().fold(NONE, |(low, high), &code| (low.min(code), high.max(code)));
-            return [(low, high); 2];
-        }
-        let [mut known, mut valid] = [NONE; 2];
-        for (&code, &state) in self.code.iter().zip(self.state) {
-            let within = |range: (i32, i32), counts: bool| {
-                (
-                    range.0.min(if counts { code } else { i32::MAX }),
-                    range.1.max(if counts { code } else { i32::MIN }),
-                )
-            };
-            known = within(known, state != VOID);
-            valid = within(valid, state == VALID);
-        }
-        [known, valid]
     }
 }

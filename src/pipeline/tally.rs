@@ -1,19 +1,15 @@
 //! Statistics of a build: every stored error counted by its code, so that percentiles are exact and the order of tiles
 //! does not matter.
 
-use std::collections::BTreeMap;
-
 use serde::{Deserialize, Serialize};
 
 use crate::container::layout::Header;
 use crate::container::metadata::{ErrorStatistics, LevelStatistics, Statistics, StepStatistics};
 use crate::error_code::metres_from_code;
 use crate::patch::TileGeometry;
+use crate::pipeline::counts::Counts;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::work::Finished;
-
-/// How many patches have an error of each code.
-type Counts = BTreeMap<u16, u64>;
 
 /// The counts of all levels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -66,8 +62,8 @@ impl Tally {
             step.spacing_m[0] = step.spacing_m[0].max(spacing.dx * f64::from(1 << k));
             step.spacing_m[1] = step.spacing_m[1].max(spacing.dy * f64::from(1 << k));
             for (patch, _) in tile.occupied.iter().enumerate().filter(|(_, o)| **o) {
-                *step.vertical.entry(tile.table.vertical[k * patches + patch]).or_default() += 1;
-                *step.horizontal.entry(tile.table.horizontal[k * patches + patch]).or_default() += 1;
+                step.vertical.add(tile.table.vertical[k * patches + patch], 1);
+                step.horizontal.add(tile.table.horizontal[k * patches + patch], 1);
             }
         }
     }
@@ -125,9 +121,7 @@ impl LevelTally {
             for (counts, others) in
                 [(&mut step.vertical, &other.vertical), (&mut step.horizontal, &other.horizontal)]
             {
-                for (&code, count) in others {
-                    *counts.entry(code).or_default() += count;
-                }
+                others.iter().for_each(|(code, count)| counts.add(code, count));
             }
         }
     }
@@ -145,7 +139,7 @@ impl StepTally {
 
 /// Distribution of stored errors in metres; percentiles by nearest rank.
 pub fn distribution(counts: &Counts) -> ErrorStatistics {
-    let count: u64 = counts.values().sum();
+    let count: u64 = counts.iter().map(|(_, n)| n).sum();
     let metres = |code: u16| f64::from(metres_from_code(code));
     let percentile = |percent: u64| {
         let rank = (count * percent).div_ceil(100).max(1);
@@ -153,24 +147,24 @@ pub fn distribution(counts: &Counts) -> ErrorStatistics {
         counts
             .iter()
             .find(|(_, n)| {
-                seen += **n;
+                seen += n;
                 seen >= rank
             })
-            .map_or(0.0, |(&code, _)| metres(code))
+            .map_or(0.0, |(code, _)| metres(code))
     };
     let mut histogram: Vec<(u16, u64)> = Vec::new();
-    for (&code, &n) in counts {
+    for (code, n) in counts.iter() {
         match histogram.last_mut() {
             Some((bin, sum)) if *bin == code >> 6 => *sum += n,
             _ => histogram.push((code >> 6, n)),
         }
     }
-    let sum: f64 = counts.iter().map(|(&code, &n)| metres(code) * n as f64).sum();
+    let sum: f64 = counts.iter().map(|(code, n)| metres(code) * n as f64).sum();
     ErrorStatistics {
         count,
-        min: counts.keys().next().map_or(0.0, |&code| metres(code)),
+        min: counts.iter().next().map_or(0.0, |(code, _)| metres(code)),
         mean: if count == 0 { 0.0 } else { sum / count as f64 },
-        max: counts.keys().next_back().map_or(0.0, |&code| metres(code)),
+        max: counts.iter().last().map_or(0.0, |(code, _)| metres(code)),
         p50: percentile(50),
         p90: percentile(90),
         p99: percentile(99),

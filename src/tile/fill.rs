@@ -95,7 +95,8 @@ impl Neighbourhood<'_> {
                 let around = self.rows(tile.n, y, spacing);
                 simd::run(NearValid { row, around, best: &mut best, open: &mut open });
                 states::each_place(&open, 1, |x| {
-                    if x % spacing == 0
+                    // A power of two.
+                    if x & (spacing - 1) == 0
                         && let Some((code, low)) = self.median(tile, x, y, spacing)
                     {
                         fills.push((tile.at(x, y) as u32, code, low));
@@ -149,8 +150,7 @@ impl Neighbourhood<'_> {
     /// Lower median of the valid samples among the eight at distance `spacing`.
     fn median(&self, tile: &Lattice, x: usize, y: usize, spacing: usize) -> Option<(i32, u32)> {
         let inside = |v: usize| v >= spacing && v + spacing <= tile.n;
-        let mut near = [(i32::MAX, u32::MAX); 8];
-        let mut count = 0;
+        let mut near = Near::default();
         if inside(x) && inside(y) {
             let (at, down) = (tile.at(x, y), spacing * (tile.n + 1));
             let around = [
@@ -163,27 +163,43 @@ impl Neighbourhood<'_> {
                 at + down,
                 at + down + spacing,
             ];
-            for (near, at) in near.iter_mut().zip(around) {
-                if tile.state[at] == VALID {
-                    *near = (tile.code[at], tile.low_at(at));
-                    count += 1;
-                }
+            for (place, at) in around.into_iter().enumerate() {
+                near.take(place, (tile.state[at], tile.code[at], tile.low_at(at)));
             }
         } else {
             let (s, x, y) = (spacing as isize, x as isize, y as isize);
             let around = [(-s, -s), (0, -s), (s, -s), (-s, 0), (s, 0), (-s, s), (0, s), (s, s)];
-            for (near, (dx, dy)) in near.iter_mut().zip(around) {
-                let (state, code, low) = self.sample(tile.n, x + dx, y + dy);
-                if state == VALID {
-                    *near = (code, low);
-                    count += 1;
-                }
+            for (place, (dx, dy)) in around.into_iter().enumerate() {
+                near.take(place, self.sample(tile.n, x + dx, y + dy));
             }
         }
-        // As one number each, of the same order: those are quicker to sort.
-        let near = near.map(|(code, low)| i64::from(code) << 32 | i64::from(low));
-        let median = states::median_of(near, count)?;
+        let median = states::median_of(near.heights, near.count)?;
         Some(((median >> 32) as i32, median as u32))
+    }
+}
+
+/// The valid ones of eight samples.
+struct Near {
+    /// Code and low as one number each, of the same order: those are quicker to sort. The greatest of all in the other places.
+    heights: [i64; 8],
+    count: usize,
+}
+
+impl Default for Near {
+    fn default() -> Self {
+        Self { heights: [i64::MAX; 8], count: 0 }
+    }
+}
+
+impl Near {
+    /// Takes a sample (state, code, low) if it is valid.
+    #[inline(always)]
+    fn take(&mut self, place: usize, (state, code, low): (u8, i32, u32)) {
+        // All ones of a sample that does not count: there is no telling which do, so no branch that could guess.
+        let out = -i64::from(state != VALID);
+        let height = i64::from(code) << 32 | i64::from(low);
+        self.heights[place] = (height & !out) | (out & i64::MAX);
+        self.count += (out + 1) as usize;
     }
 }
 

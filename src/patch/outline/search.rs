@@ -165,31 +165,33 @@ fn larger(a: f32, b: f32) -> f32 {
 pub(super) struct Pyramid {
     n: usize,
     levels: Vec<Level>,
-    /// Where ceilings are known: level and number.
-    known: Vec<(usize, usize)>,
+    /// Ceilings of four squares that are quarters of one, in the order in which they were asked for: a search finds those that it
+    /// needs near each other. The first are nobody's.
+    ceilings: Vec<[Ceilings; 4]>,
 }
 
 #[derive(Debug, Default)]
 struct Level {
     /// [`HAS_VALID`], [`HAS_VOID`].
     bits: Vec<u8>,
-    /// Ceilings of the quarters of each square of the next level, row by row; of the one square of the last level.
-    ceilings: Vec<[Ceilings; 4]>,
+    /// For each square of the next level, row by row: where the ceilings of its quarters are, 0 if nobody has asked. The last level, of
+    /// one square, has one number for it.
+    families: Vec<u32>,
 }
 
 impl Pyramid {
     /// Starts a pyramid over `n x n` cells, a power of two: gives their bits, row by row, to be written. Then
     /// [`Pyramid::build`].
     pub(super) fn start(&mut self, n: usize) -> &mut [u8] {
-        for (level, quarters) in self.known.drain(..) {
-            self.levels[level].ceilings[quarters] = [Ceilings::UNKNOWN; 4];
-        }
+        self.ceilings.clear();
+        self.ceilings.push([Ceilings::UNKNOWN; 4]);
         self.n = n;
         self.levels.resize_with(n.ilog2() as usize + 1, Level::default);
         for (level, squares) in self.levels.iter_mut().enumerate() {
             let count = (n >> level) * (n >> level);
             squares.bits.resize(count, 0);
-            squares.ceilings.resize(count.div_ceil(4), [Ceilings::UNKNOWN; 4]);
+            squares.families.clear();
+            squares.families.resize(count.div_ceil(4), 0);
         }
         &mut self.levels[0].bits
     }
@@ -197,6 +199,18 @@ impl Pyramid {
     /// Builds the levels above the cells.
     pub(super) fn build(&mut self) {
         simd::run(Build(self));
+    }
+
+    /// Where the ceilings of the quarters of a square of the level above `level` are, or of the one square of the last level.
+    #[inline]
+    fn family(&mut self, level: usize, square: usize) -> usize {
+        let number = &mut self.levels[level].families[square];
+        if *number == 0 {
+            // At most (2048 / 2)^2 and what is above them.
+            *number = self.ceilings.len() as u32;
+            self.ceilings.push([Ceilings::UNKNOWN; 4]);
+        }
+        *number as usize
     }
 
     /// Bits of the squares of a level, row by row.
@@ -219,11 +233,12 @@ impl Pyramid {
         let side = search.pyramid.n >> root;
         let bits = search.pyramid.levels[root].bits[at.1 * side + at.0];
         if let Some(entered) = search.enter(root, at, bits, [0; 4], true) {
-            let place = (at.1 / 2 * (side / 2) + at.0 / 2, at.1 % 2 * 2 + at.0 % 2);
-            let ceilings = search.ceilings(root, at, bits, place);
+            let family = search.pyramid.family(root, at.1 / 2 * (side / 2) + at.0 / 2);
+            let quarter = at.1 % 2 * 2 + at.0 % 2;
+            let ceilings = search.ceilings(root, at, bits, (family, quarter));
             if !search.bound.settles(ceilings.highest(entered.faults)) {
                 let now = search.visit(root, at, entered, ceilings);
-                search.pyramid.levels[root].ceilings[place.0][place.1] = now;
+                search.pyramid.ceilings[family][quarter] = now;
             }
         }
         search.bound.top
@@ -317,7 +332,7 @@ impl<C: Cells> Search<'_, C> {
         faults.contains(&true).then_some(Entered { drawn, falling, faults })
     }
 
-    /// The ceilings of square `at` of a level, which are number `quarter` of `family`.
+    /// The ceilings of square `at` of a level, which are number `quarter` of [`Pyramid::family`] `family`.
     #[inline]
     fn ceilings(
         &mut self,
@@ -326,7 +341,7 @@ impl<C: Cells> Search<'_, C> {
         bits: u8,
         (family, quarter): (usize, usize),
     ) -> Ceilings {
-        let known = self.pyramid.levels[level].ceilings[family][quarter];
+        let known = self.pyramid.ceilings[family][quarter];
         if known.is_known() { known } else { self.ask(level, at, bits, (family, quarter)) }
     }
 
@@ -339,11 +354,10 @@ impl<C: Cells> Search<'_, C> {
         bits: u8,
         (family, quarter): (usize, usize),
     ) -> Ceilings {
-        let of_square = &mut self.pyramid.levels[level].ceilings[family][quarter];
+        let of_square = &mut self.pyramid.ceilings[family][quarter];
         for (fault, reach) in self.cells.reach(level, at, bits).into_iter().enumerate() {
             of_square.lower(fault, reach);
         }
-        self.pyramid.known.push((level, family));
         *of_square
     }
 
@@ -362,7 +376,7 @@ impl<C: Cells> Search<'_, C> {
             return own;
         }
         let side = self.pyramid.n >> level;
-        let family = y * side + x;
+        let family = self.pyramid.family(level - 1, y * side + x);
         let (north, south) = (4 * y * side + 2 * x, (4 * y + 2) * side + 2 * x);
         let bits = &self.pyramid.levels[level - 1].bits;
         let bits = [bits[north], bits[north + 1], bits[south], bits[south + 1]];
@@ -388,11 +402,11 @@ impl<C: Cells> Search<'_, C> {
                 break;
             }
             let at = (2 * x + q % 2, 2 * y + q / 2);
-            let before = self.pyramid.levels[level - 1].ceilings[family][q];
+            let before = self.pyramid.ceilings[family][q];
             let now = self.visit(level - 1, at, inside[q], before);
-            self.pyramid.levels[level - 1].ceilings[family][q] = now;
+            self.pyramid.ceilings[family][q] = now;
         }
-        own.lower_to(&self.pyramid.levels[level - 1].ceilings[family], bits);
+        own.lower_to(&self.pyramid.ceilings[family], bits);
         own
     }
 
