@@ -55,7 +55,8 @@ fn tiles(criterion: &mut Criterion) {
         let mut encode = || {
             heights.clear();
             bits.clear();
-            height::encode(&lattice, coding, false, &mut scratch, &mut heights).unwrap();
+            height::encode((&lattice, height::Fills::Any), coding, false, &mut scratch, &mut heights)
+                .unwrap();
             mask::encode(&lattice, false, &mut scratch, &mut bits).unwrap()
         };
         group.bench_function("encode", |bencher| bencher.iter(&mut encode));

@@ -44,6 +44,7 @@ pub mod error;
 pub mod error_code;
 pub mod export;
 mod file;
+mod gaps;
 pub mod geo;
 pub mod geotiff_write;
 pub mod hillshade;

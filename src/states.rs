@@ -164,8 +164,12 @@ mod tests {
                 let state: Vec<u8> = (0..length).map(|_| (random() % kinds % 3) as u8).collect();
                 let ends = [i32::MIN, i32::MAX, -5, 9];
                 let code: Vec<i32> = (0..length).map(|_| ends[random() as usize % 4]).collect();
-                for (least, range) in [(FILLED, known_range(&code, &state)), (VALID, valid_range(&code, &state))] {
-                    let counting = || code.iter().zip(&state).filter(|(_, state)| **state >= least).map(|(code, _)| *code);
+                for (least, range) in
+                    [(FILLED, known_range(&code, &state)), (VALID, valid_range(&code, &state))]
+                {
+                    let counting = || {
+                        code.iter().zip(&state).filter(|(_, state)| **state >= least).map(|(code, _)| *code)
+                    };
                     assert_eq!(range, counting().min().zip(counting().max()));
                 }
             }

@@ -7,11 +7,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Layer of each top module of the library; see ARCHITECTURE.md.
-const LAYERS: [(&str, u8); 25] = [
+const LAYERS: [(&str, u8); 26] = [
     ("error", 0),
     ("file", 0),
     ("error_code", 0),
     ("limits", 0),
+    ("gaps", 0),
     ("geo", 0),
     ("sample", 0),
     ("simd", 0),

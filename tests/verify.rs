@@ -413,7 +413,7 @@ fn with_lattice(built: &Built, id: TileId, edit: impl Fn(&mut Lattice)) -> PathB
             chunks.heights.clear();
             let coding = reader.header().coding;
             height::encode(
-                &lattice,
+                (&lattice, height::Fills::Any),
                 coding,
                 id == TileId::ROOT,
                 &mut Scratch::default(),

@@ -19,11 +19,21 @@ const NARROW_RANGE: i64 = 1 << 22;
 /// The same with void samples: where they stand, centres may be up to 2.75 times as far from the base.
 const NARROW_RANGE_VOID: i64 = 1 << 20;
 
-/// Appends the heights chunk of a tile; appends nothing if its length is 0.
+/// Where the fills of a tile come from: what the encoder need not find out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fills {
+    /// From anywhere.
+    Any,
+    /// From the samples beside them: every void sample that has valid ones beside it, and does not stand on the tile's border, is filled
+    /// with their lower median (`tile::fill` of a leaf).
+    Beside,
+}
+
+/// Appends the heights chunk of a tile; appends nothing if its length is 0. The chunk does not depend on `fills`.
 ///
 /// Samples whose state is not [`VOID`] are kept exactly. Unless `root`, those with even column and row are the parent's.
 pub fn encode(
-    lattice: &Lattice,
+    (lattice, fills): (&Lattice, Fills),
     coding: Coding,
     root: bool,
     scratch: &mut Scratch,
@@ -45,8 +55,8 @@ pub fn encode(
     scratch.residuals.clear();
     scratch.residuals.reserve(order::newborn_count(lattice.n, root));
     let (residuals, actual, states) = (&mut scratch.residuals, &mut scratch.row, &mut scratch.states);
-    let mut coder =
-        Encoder { codes, places, residuals, actual, states, weights: Weights::USUAL, choose: true };
+    let (weights, near) = (Weights::USUAL, &mut scratch.near);
+    let mut coder = Encoder { codes, places, fills, residuals, actual, states, near, weights, choose: true };
     scratch.walk.run(narrow, places, &mut coder);
     if root {
         // Every stage has chosen for itself; there is room for the choice of one.

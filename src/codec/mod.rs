@@ -38,6 +38,8 @@ pub struct Scratch {
     row: Vec<i32>,
     /// States of one row.
     states: Vec<u8>,
+    /// Which samples of one row have valid ones beside them.
+    near: Vec<u8>,
     /// Decimals that take the place of the lattice's codes.
     decimals: Vec<i32>,
     /// Histogram of residuals.

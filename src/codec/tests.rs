@@ -27,7 +27,7 @@ fn blank(lattice: &Lattice, coding: Coding, root: bool) -> Lattice {
 /// Encodes a tile and checks what both readers make of it. Gives the chunks.
 fn check(lattice: &Lattice, coding: Coding, root: bool, scratch: &mut Scratch) -> (Vec<u8>, Vec<u8>) {
     let (mut heights, mut bits) = (vec![1, 2, 3], vec![4]);
-    height::encode(lattice, coding, root, scratch, &mut heights).unwrap();
+    height::encode((lattice, height::Fills::Any), coding, root, scratch, &mut heights).unwrap();
     let occupancy = mask::encode(lattice, root, scratch, &mut bits).unwrap();
     let (heights, bits) = (heights.split_off(3), bits.split_off(1));
 

@@ -1,10 +1,12 @@
 //! The walk through a tile's newborn samples: the same stages and predictions for encoder and decoder, which differ in
 //! what they do with a row of predictions.
 
+use crate::codec::height::Fills;
 use crate::codec::order::{self, Row, Stage};
 use crate::codec::predict::{Planes, Weights, Word};
 use crate::codec::probe::Target;
 use crate::codec::{bits, void};
+use crate::gaps;
 use crate::sample::{FILLED, VALID, VOID};
 use crate::simd::{self, Kernel};
 use crate::states;
@@ -100,7 +102,9 @@ impl Buffers {
             for b in 0..=stage.m {
                 stage.parents(b).gather_states(places.state, &mut self.states);
             }
-            void::replace(&mut self.parents, &self.states, stage.m);
+            if !gaps::bridge_voids(&mut self.parents, &self.states, stage.m + 1) {
+                self.parents.fill(0);
+            }
         }
     }
 }
@@ -226,12 +230,15 @@ impl Kernel for AddValid<'_> {
 pub struct Encoder<'a> {
     pub codes: &'a [i32],
     pub places: Places<'a>,
+    pub fills: Fills,
     /// Residuals (zigzag), appended to.
     pub residuals: &'a mut Vec<u32>,
     /// One row.
     pub actual: &'a mut Vec<i32>,
     /// One row.
     pub states: &'a mut Vec<u8>,
+    /// One row: see [`void::near_valid`].
+    pub near: &'a mut Vec<u8>,
     /// Those of the last stage.
     pub weights: Weights,
     /// Weights are still to be chosen; otherwise they stay.
@@ -288,7 +295,8 @@ impl Coder for Encoder<'_> {
     }
 
     fn fill(&mut self, stage: Stage) {
-        let (state, width) = (self.places.state, self.places.n + 1);
+        let Places { n, state, .. } = self.places;
+        let width = n + 1;
         let mut start = self.residuals.len() - stage.newborn_count();
         for row in stage.newborn() {
             let residuals = &mut self.residuals[start..start + row.count];
@@ -298,16 +306,61 @@ impl Coder for Encoder<'_> {
                 continue;
             }
             let (first, y) = (row.first % width, row.first / width);
+            let residual = |x: usize| {
+                let median = void::lower_median(self.codes, state, stage, (x, y))?;
+                Some(bits::zigzag(self.codes[y * width + x].wrapping_sub(median)))
+            };
+            if self.fills == Fills::Beside && stage.half() == 1 && (1..n).contains(&y) {
+                void::near_valid(state, width, y, 1, self.near);
+                // Not so on the border.
+                for x in
+                    [0, n].into_iter().filter(|&x| states.len() == width && state[y * width + x] == FILLED)
+                {
+                    self.near[x] = 0;
+                    residuals[x / 2] = residual(x).unwrap_or(residuals[x / 2]);
+                }
+                let near = &self.near[first..first + states.len()];
+                if cfg!(debug_assertions) {
+                    let beside = |x: usize| state[y * width + x] == FILLED && self.near[x] == 1;
+                    let wrong =
+                        (first..first + near.len()).step_by(2).find(|&x| beside(x) && residual(x) != Some(0));
+                    debug_assert_eq!(wrong, None, "a fill is not what Fills::Beside says");
+                }
+                simd::run(NoneBeside { states, near, residuals });
+                continue;
+            }
             // A power of two.
             let step = row.step.trailing_zeros();
             states::each_place(states, FILLED, |place| {
                 let number = place >> step;
                 if number << step == place
-                    && let Some(median) = void::lower_median(self.codes, state, stage, (first + place, y))
+                    && let Some(residual) = residual(first + place)
                 {
-                    residuals[number] = bits::zigzag(self.codes[row.first + place].wrapping_sub(median));
+                    residuals[number] = residual;
                 }
             });
+        }
+    }
+}
+
+/// Sets the residuals of the void samples with a valid one beside them to 0; of every second sample from the first on.
+struct NoneBeside<'a> {
+    states: &'a [u8],
+    near: &'a [u8],
+    residuals: &'a mut [u32],
+}
+
+impl Kernel for NoneBeside<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { states, near, residuals } = self;
+        let count = residuals.len();
+        let (states, near) = (&states[..2 * count - 1], &near[..2 * count - 1]);
+        for i in 0..count {
+            let keeps = (states[2 * i] == VALID) | (near[2 * i] == 0);
+            residuals[i] &= -i32::from(keeps) as u32;
         }
     }
 }
@@ -372,7 +425,7 @@ impl Coder for Decoder<'_> {
             for (&g, at) in residuals.iter().zip(row.indices()) {
                 if state[at] != VALID {
                     let x = at - y * width;
-                    let median = near[x].then(|| void::lower_median(self.codes, state, stage, (x, y)));
+                    let median = (near[x] == 1).then(|| void::lower_median(self.codes, state, stage, (x, y)));
                     let median = median.flatten();
                     self.codes[at] = median.unwrap_or(self.codes[at]).wrapping_add(bits::unzigzag(g));
                 }

@@ -31,7 +31,8 @@ impl Counts {
 
     /// Codes that there are, in order, and how many of each.
     pub fn iter(&self) -> impl Iterator<Item = (u16, u64)> + '_ {
-        let pages = (0..).step_by(PAGE).zip(&self.pages).filter_map(|(first, page)| Some((first, page.as_ref()?)));
+        let pages =
+            (0..).step_by(PAGE).zip(&self.pages).filter_map(|(first, page)| Some((first, page.as_ref()?)));
         pages
             .flat_map(|(first, page)| (first..).zip(page.iter().copied()))
             .filter(|&(_, count)| count > 0)

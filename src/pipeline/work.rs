@@ -1,11 +1,13 @@
 //! One tile on its way through a level: assembled, filled, measured, encoded, halved.
 
+use crate::codec::height::Fills;
 use crate::codec::table::ErrorTable;
 use crate::codec::{height, mask, table};
 use crate::container::layout::Metric;
 use crate::container::writer::{TileChunks, TileRecord};
 use crate::error::Result;
 use crate::error_code::code_from_metres;
+use crate::gaps;
 use crate::patch::blocks::{Blocks, occupied};
 use crate::patch::{Errors, TileGeometry, inherit};
 use crate::pipeline::buffers::{Buffers, Lent};
@@ -101,6 +103,12 @@ impl Work {
         let geometry = plan.geometry(id);
         let [own, valid] = Range::of(&self.lattice, coding);
         let below = self.below.take();
+        let fills = if below.is_none() { Fills::Beside } else { Fills::Any };
+        if below.is_none() {
+            // Nobody sees the samples without a height, but bounds of what is seen are sharper where they do not stick out.
+            let Lattice { n, code, state, .. } = &mut self.lattice;
+            gaps::bridge_unfilled(code, state, *n + 1);
+        }
         let children = below.as_ref().map_or(0, |b| b.children);
         let range = below.as_ref().map_or(own, |b| own.join(b.range));
         let (occupied, blocks, errors) = self.errors(below, plan, &geometry, buffers);
@@ -110,7 +118,7 @@ impl Work {
         }
         let root = id == TileId::ROOT;
         let occupancy = mask::encode(&self.lattice, root, scratch, &mut chunks.mask)?;
-        height::encode(&self.lattice, coding, root, scratch, &mut chunks.heights)?;
+        height::encode((&self.lattice, fills), coding, root, scratch, &mut chunks.heights)?;
         table::encode(&table, &mut chunks.errors)?;
         let (min_m, max_m) = range.outward(plan);
         let patches = table.patches * table.patches;

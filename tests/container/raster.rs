@@ -163,8 +163,14 @@ impl Raster {
             let root = id.level == 0;
             let mut chunks = TileChunks::default();
             let occupancy = codec::mask::encode(&lattice, root, &mut scratch, &mut chunks.mask).unwrap();
-            codec::height::encode(&lattice, self.header.coding, root, &mut scratch, &mut chunks.heights)
-                .unwrap();
+            codec::height::encode(
+                (&lattice, codec::height::Fills::Any),
+                self.header.coding,
+                root,
+                &mut scratch,
+                &mut chunks.heights,
+            )
+            .unwrap();
             codec::table::encode(&self.errors(id), &mut chunks.errors).unwrap();
             let children = (0..4).filter(|&q| there.contains(&id.child(q))).fold(0, |bits, q| bits | 1 << q);
             let record = TileRecord {
