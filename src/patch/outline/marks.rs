@@ -145,21 +145,20 @@ impl<M: MarkRow> Kernel for Fill<'_, M> {
                 *here = north.saturating_add(1) & mark.wrapping_sub(1);
             }
         }
-        for y in (0..2 * n).rev() {
-            let (here, south) = down[y * row..(y + 2) * row].split_at_mut(row);
-            for (here, south) in here.iter_mut().zip(south) {
+        let (mut one, mut two, mut four) = ([0; MOST], [0; MOST / 2], [0; MOST / 4]);
+        for y in (0..=2 * n).rev() {
+            let (here, south) = down[y * row..].split_at_mut(row);
+            // The last one has no row to the south.
+            for (here, south) in here.iter_mut().zip(&*south) {
                 *here = (*here).min(south.saturating_add(1));
             }
-        }
-        let (mut one, mut two, mut four) = ([0; MOST], [0; MOST / 2], [0; MOST / 4]);
-        for (row, low) in down.chunks_exact(row).zip(low.chunks_exact_mut(stride / LANES)) {
-            let (even, odd) = row.split_at(stride);
+            let (even, odd) = here.split_at(stride);
             for ((one, even), odd) in one.iter_mut().zip(even).zip(odd) {
                 *one = *even.min(odd);
             }
             lower_of_two(&one[..stride], &mut two);
             lower_of_two(&two[..stride / 2], &mut four);
-            lower_of_two(&four[..stride / 4], low);
+            lower_of_two(&four[..stride / 4], &mut low[y * stride / LANES..][..stride / LANES]);
         }
     }
 }
