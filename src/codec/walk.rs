@@ -359,7 +359,7 @@ impl Kernel for NoneBeside<'_> {
         let count = residuals.len();
         let (states, near) = (&states[..2 * count - 1], &near[..2 * count - 1]);
         for i in 0..count {
-            let keeps = (states[2 * i] == VALID) | (near[2 * i] == 0);
+            let keeps = u8::from(states[2 * i] == VALID) | (near[2 * i] ^ 1);
             residuals[i] &= -i32::from(keeps) as u32;
         }
     }

@@ -43,7 +43,9 @@ impl Counts {
 impl From<BTreeMap<u16, u64>> for Counts {
     fn from(counts: BTreeMap<u16, u64>) -> Self {
         let mut all = Self::default();
-        counts.into_iter().for_each(|(code, count)| all.add(code, count));
+        for (code, count) in counts {
+            all.add(code, count);
+        }
         all
     }
 }
