@@ -4,6 +4,7 @@
 //! fill gets its prediction, so its residual of 0 costs next to nothing.
 
 use crate::codec::predict::Weights;
+pub use crate::codec::void::Fills;
 use crate::codec::walk::{Decoder, Encoder, Places};
 use crate::codec::{Scratch, bits, decimal, frame, order};
 use crate::error::{Error, Result};
@@ -18,16 +19,6 @@ const NARROW: u8 = 1;
 const NARROW_RANGE: i64 = 1 << 22;
 /// The same with void samples: where they stand, centres may be up to 2.75 times as far from the base.
 const NARROW_RANGE_VOID: i64 = 1 << 20;
-
-/// Where the fills of a tile come from: what the encoder need not find out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fills {
-    /// From anywhere.
-    Any,
-    /// From the samples beside them: every void sample that has valid ones beside it, and does not stand on the tile's border, is filled
-    /// with their lower median (`tile::fill` of a leaf).
-    Beside,
-}
 
 /// Appends the heights chunk of a tile; appends nothing if its length is 0. The chunk does not depend on `fills`.
 ///

@@ -129,6 +129,11 @@ impl Stage {
         self.m * self.m + 2 * self.m * (self.m + 1)
     }
 
+    /// Intervals of the whole lattice.
+    pub fn intervals(self) -> usize {
+        self.n
+    }
+
     /// Intervals of the whole lattice between samples after the refinement.
     pub fn half(self) -> usize {
         self.half

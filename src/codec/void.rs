@@ -1,13 +1,117 @@
-//! What stands in for void samples (`format-spec.md`, section 9.2): among parents, so that their neighbours can be
-//! predicted, and among newborn samples, whose fills mostly are the median of what is around them.
+//! Fills among newborn samples (`format-spec.md`, section 9.2): most are the median of what is around them.
 
+use crate::codec::bits;
 use crate::codec::order::Stage;
-use crate::sample::VALID;
+use crate::sample::{FILLED, VALID};
 use crate::simd::{self, Kernel};
 use crate::states;
 
+/// Where the fills of a tile come from: what the encoder need not find out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fills {
+    /// From anywhere.
+    Any,
+    /// From the samples beside them: every void sample that has valid ones beside it, and does not stand on the tile's border, is filled
+    /// with their lower median (`tile::fill` of a leaf).
+    Beside,
+}
+
+/// Sets the residuals of the fills of a stage, when its valid samples are all known.
+///
+/// `residuals` are those of its newborn samples, in their order, from their predictions. `near` is room for a row.
+pub fn code_fills(
+    (codes, state): (&[i32], &[u8]),
+    stage: Stage,
+    fills: Fills,
+    mut residuals: &mut [u32],
+    near: &mut Vec<u8>,
+) {
+    let n = stage.intervals();
+    let width = n + 1;
+    for row in stage.newborn() {
+        let of_row = residuals.split_off_mut(..row.count).unwrap_or_default();
+        let states = &state[row.first..row.end()];
+        if states::all_valid(states) {
+            continue;
+        }
+        let (first, y) = (row.first % width, row.first / width);
+        let residual = |x: usize| {
+            let median = lower_median(codes, state, stage, (x, y))?;
+            Some(bits::zigzag(codes[y * width + x].wrapping_sub(median)))
+        };
+        if fills == Fills::Beside && stage.half() == 1 && (1..n).contains(&y) {
+            near_valid(state, width, y, 1, near);
+            // Not so on the border.
+            for x in [0, n].into_iter().filter(|&x| states.len() == width && state[y * width + x] == FILLED) {
+                near[x] = 0;
+                of_row[x / 2] = residual(x).unwrap_or(of_row[x / 2]);
+            }
+            if cfg!(debug_assertions) {
+                let beside = |x: usize| state[y * width + x] == FILLED && near[x] == 1;
+                let wrong =
+                    (first..first + states.len()).step_by(2).find(|&x| beside(x) && residual(x) != Some(0));
+                debug_assert_eq!(wrong, None, "a fill is not what Fills::Beside says");
+            }
+            simd::run(NoneBeside { states, near: &near[first..], residuals: of_row });
+            continue;
+        }
+        // A power of two.
+        let step = row.step.trailing_zeros();
+        states::each_place(states, FILLED, |place| {
+            let number = place >> step;
+            if number << step == place
+                && let Some(residual) = residual(first + place)
+            {
+                of_row[number] = residual;
+            }
+        });
+    }
+}
+
+/// The inverse of [`code_fills`]: the codes of a stage's void samples, from their predictions and residuals.
+pub fn restore_fills(codes: &mut [i32], state: &[u8], stage: Stage, mut residuals: &[u32]) {
+    let (width, mut near) = (stage.intervals() + 1, Vec::new());
+    for row in stage.newborn() {
+        let of_row = residuals.split_off(..row.count).unwrap_or_default();
+        if states::all_valid(&state[row.first..row.end()]) {
+            continue;
+        }
+        let y = row.first / width;
+        near_valid(state, width, y, stage.half(), &mut near);
+        for (&g, at) in of_row.iter().zip(row.indices()) {
+            if state[at] != VALID {
+                let x = at - y * width;
+                let median = (near[x] == 1).then(|| lower_median(codes, state, stage, (x, y))).flatten();
+                codes[at] = median.unwrap_or(codes[at]).wrapping_add(bits::unzigzag(g));
+            }
+        }
+    }
+}
+
+/// Sets the residuals of the void samples with a valid one beside them to 0; of every second sample from the first on.
+struct NoneBeside<'a> {
+    states: &'a [u8],
+    near: &'a [u8],
+    residuals: &'a mut [u32],
+}
+
+impl Kernel for NoneBeside<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { states, near, residuals } = self;
+        let count = residuals.len();
+        let (states, near) = (&states[..2 * count - 1], &near[..2 * count - 1]);
+        for i in 0..count {
+            let keeps = u8::from(states[2 * i] == VALID) | (near[2 * i] ^ 1);
+            residuals[i] &= -i32::from(keeps) as u32;
+        }
+    }
+}
+
 /// The lower median of the codes of the valid samples around the void one in column `x`, row `y`; `None` if there is none.
-pub fn lower_median(codes: &[i32], state: &[u8], stage: Stage, at: (usize, usize)) -> Option<i32> {
+fn lower_median(codes: &[i32], state: &[u8], stage: Stage, at: (usize, usize)) -> Option<i32> {
     let (mut near, mut count) = ([i32::MAX; 8], 0);
     // A place outside the lattice is the void sample itself.
     for (near, place) in near.iter_mut().zip(stage.around(at)) {
@@ -21,7 +125,7 @@ pub fn lower_median(codes: &[i32], state: &[u8], stage: Stage, at: (usize, usize
 
 /// Whether a sample of row `y` may have a valid one around it, `h` samples away, column by column into `near`, 1 if so: most void samples have
 /// none, and this says so for a whole row at a time.
-pub fn near_valid(state: &[u8], width: usize, y: usize, h: usize, near: &mut Vec<u8>) {
+fn near_valid(state: &[u8], width: usize, y: usize, h: usize, near: &mut Vec<u8>) {
     near.clear();
     near.resize(width, 0);
     simd::run(NearValid { state, width, y, h, near });

@@ -1,13 +1,13 @@
 //! The walk through a tile's newborn samples: the same stages and predictions for encoder and decoder, which differ in
 //! what they do with a row of predictions.
 
-use crate::codec::height::Fills;
+use crate::codec::bits;
 use crate::codec::order::{self, Row, Stage};
 use crate::codec::predict::{Planes, Weights, Word};
 use crate::codec::probe::Target;
-use crate::codec::{bits, void};
+use crate::codec::void::{self, Fills};
 use crate::gaps;
-use crate::sample::{FILLED, VALID, VOID};
+use crate::sample::{VALID, VOID};
 use crate::simd::{self, Kernel};
 use crate::states;
 
@@ -295,73 +295,9 @@ impl Coder for Encoder<'_> {
     }
 
     fn fill(&mut self, stage: Stage) {
-        let Places { n, state, .. } = self.places;
-        let width = n + 1;
-        let mut start = self.residuals.len() - stage.newborn_count();
-        for row in stage.newborn() {
-            let residuals = &mut self.residuals[start..start + row.count];
-            start += row.count;
-            let states = &state[row.first..row.end()];
-            if states::all_valid(states) {
-                continue;
-            }
-            let (first, y) = (row.first % width, row.first / width);
-            let residual = |x: usize| {
-                let median = void::lower_median(self.codes, state, stage, (x, y))?;
-                Some(bits::zigzag(self.codes[y * width + x].wrapping_sub(median)))
-            };
-            if self.fills == Fills::Beside && stage.half() == 1 && (1..n).contains(&y) {
-                void::near_valid(state, width, y, 1, self.near);
-                // Not so on the border.
-                for x in
-                    [0, n].into_iter().filter(|&x| states.len() == width && state[y * width + x] == FILLED)
-                {
-                    self.near[x] = 0;
-                    residuals[x / 2] = residual(x).unwrap_or(residuals[x / 2]);
-                }
-                let near = &self.near[first..first + states.len()];
-                if cfg!(debug_assertions) {
-                    let beside = |x: usize| state[y * width + x] == FILLED && self.near[x] == 1;
-                    let wrong =
-                        (first..first + near.len()).step_by(2).find(|&x| beside(x) && residual(x) != Some(0));
-                    debug_assert_eq!(wrong, None, "a fill is not what Fills::Beside says");
-                }
-                simd::run(NoneBeside { states, near, residuals });
-                continue;
-            }
-            // A power of two.
-            let step = row.step.trailing_zeros();
-            states::each_place(states, FILLED, |place| {
-                let number = place >> step;
-                if number << step == place
-                    && let Some(residual) = residual(first + place)
-                {
-                    residuals[number] = residual;
-                }
-            });
-        }
-    }
-}
-
-/// Sets the residuals of the void samples with a valid one beside them to 0; of every second sample from the first on.
-struct NoneBeside<'a> {
-    states: &'a [u8],
-    near: &'a [u8],
-    residuals: &'a mut [u32],
-}
-
-impl Kernel for NoneBeside<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { states, near, residuals } = self;
-        let count = residuals.len();
-        let (states, near) = (&states[..2 * count - 1], &near[..2 * count - 1]);
-        for i in 0..count {
-            let keeps = u8::from(states[2 * i] == VALID) | (near[2 * i] ^ 1);
-            residuals[i] &= -i32::from(keeps) as u32;
-        }
+        let start = self.residuals.len() - stage.newborn_count();
+        let samples = (self.codes, self.places.state);
+        void::code_fills(samples, stage, self.fills, &mut self.residuals[start..], self.near);
     }
 }
 
@@ -411,25 +347,7 @@ impl Coder for Decoder<'_> {
     }
 
     fn fill(&mut self, stage: Stage) {
-        let state = self.places.state;
-        let (width, mut near) = (self.places.n + 1, Vec::new());
-        let mut start = self.used - stage.newborn_count();
-        for row in stage.newborn() {
-            let residuals = &self.residuals[start..start + row.count];
-            start += row.count;
-            if states::all_valid(&state[row.first..row.end()]) {
-                continue;
-            }
-            let y = row.first / width;
-            void::near_valid(state, width, y, stage.half(), &mut near);
-            for (&g, at) in residuals.iter().zip(row.indices()) {
-                if state[at] != VALID {
-                    let x = at - y * width;
-                    let median = (near[x] == 1).then(|| void::lower_median(self.codes, state, stage, (x, y)));
-                    let median = median.flatten();
-                    self.codes[at] = median.unwrap_or(self.codes[at]).wrapping_add(bits::unzigzag(g));
-                }
-            }
-        }
+        let residuals = &self.residuals[self.used - stage.newborn_count()..self.used];
+        void::restore_fills(self.codes, self.places.state, stage, residuals);
     }
 }
