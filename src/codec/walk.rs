@@ -237,7 +237,7 @@ pub struct Encoder<'a> {
     pub actual: &'a mut Vec<i32>,
     /// One row.
     pub states: &'a mut Vec<u8>,
-    /// One row: see [`void::near_valid`].
+    /// Which samples of one row have valid ones beside them, 1 if so.
     pub near: &'a mut Vec<u8>,
     /// Those of the last stage.
     pub weights: Weights,
