@@ -12,8 +12,9 @@ use crate::states;
 /// They get the codes of straight lines between the others of their row, at its ends that of the nearest one; rows without any copy the
 /// nearest row above that has one, or below.
 pub fn bridge_voids(codes: &mut [i32], states: &[u8], width: usize) -> bool {
-    let is_whole = |states: &[u8]| states::all_valid(states);
-    bridge(codes, states, width, is_whole, |states, visit| states::each_other_place(states, VALID, visit))
+    bridge(codes, states, width, states::all_valid, |states, visit| {
+        states::each_other_place(states, VALID, visit);
+    })
 }
 
 /// [`bridge_voids`] of the samples without a height: fills stay.

@@ -20,7 +20,7 @@ const NARROW_RANGE: i64 = 1 << 22;
 /// The same with void samples: where they stand, centres may be up to 2.75 times as far from the base.
 const NARROW_RANGE_VOID: i64 = 1 << 20;
 
-/// Appends the heights chunk of a tile; appends nothing if its length is 0. The chunk does not depend on `fills`.
+/// Appends the heights chunk of a tile; appends nothing if its length is 0. `fills`, if true, changes nothing in it.
 ///
 /// Samples whose state is not [`VOID`] are kept exactly. Unless `root`, those with even column and row are the parent's.
 pub fn encode(

@@ -12,7 +12,8 @@ pub enum Fills {
     /// From anywhere.
     Any,
     /// From the samples beside them: every void sample that has valid ones beside it, and does not stand on the tile's border, is filled
-    /// with their lower median (`tile::fill` of a leaf).
+    /// with their lower median (`tile::fill` of a leaf). Said of other fills, they come back as other heights: only builds with debug
+    /// assertions look.
     Beside,
 }
 
