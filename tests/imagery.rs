@@ -658,7 +658,7 @@ fn transparency_survives_in_every_codec() {
 #[test]
 fn a_build_with_imagery_is_a_build_and_an_add() {
     let folder = tempfile::tempdir().expect("folder");
-    let dem = fixture("rmnp_dem_uint16.tif").to_string_lossy().into_owned();
+    let dem = fixture("co_elevation_float32_lzw.tif").to_string_lossy().into_owned();
     let relevo = |args: &[&str]| {
         let mut command = Command::cargo_bin("relevo").expect("binary");
         let out = command.args(args).current_dir(folder.path()).output().expect("run");
@@ -682,9 +682,11 @@ fn a_build_with_imagery_is_a_build_and_an_add() {
         Imagery { pictures: &pictures, options: LayerOptions { tile: 64, ..LayerOptions::default() } };
     let options = BuildOptions { tile: 16, patch: 16, jobs: Some(1), force: true, ..BuildOptions::default() };
     let plan = pipeline::plan(source.info(), &options).expect("plan");
-    // As little as strips, and joining them, can do with.
-    let wide = |columns: u32| (0..12 - columns).map(|x| plan.memory(&(x..x + columns))).max();
-    let memory = (4..12).map(wide).find(|&memory| plan.strips(memory).is_ok()).flatten();
+    // As little as strips, and joining them, and the imagery can do with.
+    let wide = |columns: u32| (0..63 - columns).map(|x| plan.memory(&(x..x + columns))).max();
+    let memory = (4..63).map(wide).find(|&memory| plan.strips(memory).is_ok()).flatten();
+    let least = *layer.memory(&plan.ground(), 1).expect("memory").start();
+    let memory = memory.max(Some(least));
     assert!(plan.strips(memory).expect("strips").len() > 1);
     let built = |name: &str, options: &BuildOptions| {
         let path = folder.path().join(name);

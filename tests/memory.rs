@@ -87,3 +87,51 @@ fn builds_keep_within_the_estimate() {
         assert!(!options.contains(&"140MiB") || most <= 140 << 20, "{most}");
     }
 }
+
+/// Columns and rows of the picture.
+const PICTURE: u32 = 5000;
+
+/// A DEM of 500 x 500, and a picture of strips over it.
+fn dem_and_picture(folder: &Path) {
+    let geo = |step: f64| Geo { transform: Some([0.0, step, 0.0, 0.0, 0.0, -step]), ..Geo::default() };
+    let heights = geo(10.0);
+    let spec = GeotiffSpec::new(500, 500, SampleType::Int16, &heights);
+    let mut writer = GeotiffWriter::create(folder.join("dem.tif"), &spec).expect("create");
+    let samples = (0..500 * 500).map(|i| (i % 977) as i16);
+    writer.write_rows(&Samples::Int16(samples.collect())).expect("rows");
+    writer.finish().expect("dem");
+    let pixels = geo(1.0);
+    let mut spec = GeotiffSpec::new(PICTURE, PICTURE, SampleType::Uint8, &pixels);
+    (spec.bands, spec.compression) = (3, Compression::None);
+    let mut writer = GeotiffWriter::create(folder.join("picture.tif"), &spec).expect("create");
+    for y in 0..PICTURE {
+        let row = (0..3 * PICTURE).map(|i| ((i / 7) ^ (y / 9)) as u8);
+        writer.write_rows(&Samples::Uint8(row.collect())).expect("rows");
+    }
+    writer.finish().expect("picture");
+}
+
+#[test]
+fn imagery_keeps_within_the_estimate() {
+    let folder = tempfile::tempdir().expect("folder");
+    let folder = folder.path();
+    dem_and_picture(folder);
+    let picture = folder.join("picture.tif");
+    let picture = picture.to_str().expect("a name");
+    let imagery = ["--imagery", picture, "--imagery-tile", "128", "--jobs", "2"];
+    let limited = |limit| [&imagery[..], &["--memory", limit]].concat();
+    let (most, took) = (estimate(folder, &imagery), peak(folder, &imagery));
+    assert!(took > 0 && took <= most + LIBRARIES, "{took} bytes, {most} were to be enough");
+    let file = fs::read(folder.join("out.rlv")).expect("file");
+    let (least, took) = (estimate(folder, &limited("90MiB")), peak(folder, &limited("90MiB")));
+    assert!(most > 90 << 20 && least <= 90 << 20, "{most}, {least}");
+    assert!(took <= (90 << 20) + LIBRARIES, "{took} bytes of 90 MiB");
+    assert!(fs::read(folder.join("out.rlv")).expect("file") == file, "what pictures keep shows");
+    let refused = relevo(folder, &limited("30MiB")).arg("--force").output().expect("the binary runs");
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(2) && said.contains("--imagery-tile"), "{said}");
+    let added = ["add", "out.rlv", "--imagery", picture, "--memory", "30MiB"];
+    let added = Command::new(env!("CARGO_BIN_EXE_relevo")).args(added).current_dir(folder).output();
+    assert_eq!(added.expect("the binary runs").status.code(), Some(2));
+    assert!(fs::read(folder.join("out.rlv")).expect("file") == file);
+}

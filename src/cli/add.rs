@@ -9,6 +9,7 @@ use relevo::pipeline::imagery::{self, AddReport, LayerOptions, LayerReport};
 use serde_json::json;
 
 use crate::cli::Outcome;
+use crate::cli::build::size;
 use crate::cli::imagery::Imagery;
 use crate::cli::progress::{Mode, Show};
 use crate::cli::table::{Table, bytes, grouped, seconds, short};
@@ -21,6 +22,9 @@ pub struct Args {
     /// Threads [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
+    /// Keep within this much memory (256MiB, 2GiB); slower then if parts of pictures have to be decoded again
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    memory: Option<u64>,
     /// How to show progress
     #[arg(long, value_enum, default_value = "auto")]
     progress: Mode,
@@ -38,8 +42,8 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     let show = Show::new(args.progress);
     let pictures = |crs: &relevo::geo::Crs| args.imagery.open(crs);
-    let jobs = args.jobs.map(usize::from);
-    let report = imagery::add(&args.file, &pictures, &layer_options(&args.imagery)?, jobs, &show);
+    let means = (args.jobs.map(usize::from), args.memory);
+    let report = imagery::add(&args.file, &pictures, &layer_options(&args.imagery)?, means, &show);
     show.finish();
     let report = report.map_err(|error| match error {
         Error::Interrupted => Error::usage(format!("interrupted; {} is as it was", args.file.display())),

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use relevo::Error;
 use relevo::container::layout::Metric;
+use relevo::pipeline::imagery::Imagery as Layer;
 use relevo::pipeline::reach::Extent;
 use relevo::pipeline::{self, BuildOptions, Plan, Report};
 use relevo::source::{self, SourceInfo};
@@ -104,8 +105,12 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let output = output(args, &dem)?;
     let source = args.source.open(&dem.dems)?;
     let plan = pipeline::plan(source.info(), &options)?;
+    let pictures = args.imagery.open(&source.info().geo.crs)?;
+    let layer = Layer { pictures: &pictures, options: layer_options(&args.imagery)? };
+    let layer = Some(&layer).filter(|layer| !layer.pictures.is_empty());
     if args.dry_run {
-        return dry_run((args, &dem), (source.info(), &options), &plan, &output, out);
+        let memory = memory((&plan, layer), &options)?;
+        return dry_run((args, &dem), source.info(), (&plan, memory), &output, out);
     }
     let show = Show::new(args.progress);
     if let Some(window) = &args.window {
@@ -115,9 +120,6 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         writeln!(out, "{}: tiles {window}, to be joined by `relevo merge`", output.display())?;
         return Ok(ExitCode::SUCCESS);
     }
-    let pictures = args.imagery.open(&source.info().geo.crs)?;
-    let layer = pipeline::imagery::Imagery { pictures: &pictures, options: layer_options(&args.imagery)? };
-    let layer = Some(&layer).filter(|layer| !layer.pictures.is_empty());
     let report = pipeline::build_with(&*source, layer, &output, &options, &show);
     show.finish();
     let report = report.map_err(|error| failure(error, dem.first(), &output))?;
@@ -178,7 +180,7 @@ fn window(text: &str) -> Result<Extent, String> {
 }
 
 /// `--memory SIZE`: bytes, or a number with a unit.
-fn size(text: &str) -> Result<u64, String> {
+pub(super) fn size(text: &str) -> Result<u64, String> {
     let split = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
     let (number, unit) = text.split_at(split);
     let shift = match unit.trim().to_ascii_lowercase().as_str() {
@@ -202,14 +204,24 @@ fn interval(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Bytes of memory that a build takes at most: its imagery is made when its heights are done.
+fn memory((plan, layer): (&Plan, Option<&Layer<'_>>), options: &BuildOptions) -> Result<u64, Error> {
+    let heights = plan.memory_estimate(options)?;
+    let Some(layer) = layer else { return Ok(heights) };
+    layer.check(&plan.ground())?;
+    layer.keep_within(&plan.ground(), plan.jobs, options.memory)?;
+    let most = *layer.memory(&plan.ground(), plan.jobs)?.end();
+    Ok(heights.max(options.memory.map_or(most, |limit| most.min(limit))))
+}
+
 fn dry_run(
     (args, dem): (&Args, &Dem),
-    (info, options): (&SourceInfo, &BuildOptions),
-    plan: &Plan,
+    info: &SourceInfo,
+    (plan, memory): (&Plan, u64),
     output: &Path,
     out: &mut dyn Write,
 ) -> Outcome {
-    let (tiles, memory) = (plan.most_tiles(), plan.memory_estimate(options)?);
+    let tiles = plan.most_tiles();
     let disk = plan.disk_estimate(info.sample_type);
     if args.json {
         let plan = json!({

@@ -9,17 +9,19 @@
 //! Each picture has a level of its own, the one whose texels are nearest to its pixels in size. There and at finer levels (where it
 //! shows through a finer picture) it is resampled once; above, texels are means of 2 x 2 finer ones. All filters work in linear
 //! light and leave out what is transparent: `light`, `resample`, `half`, `composite`. `sweep` makes the tiles, `fill` gives
-//! transparent texels a colour.
+//! transparent texels a colour; `memory` says how much all of it takes.
 
 mod composite;
 mod fill;
 mod half;
 mod light;
+mod memory;
 mod oblique;
 mod place;
 mod resample;
 mod sweep;
 
+pub use self::memory::memory;
 use self::place::Placed;
 use self::sweep::Sweep;
 use crate::error::{Error, Result};

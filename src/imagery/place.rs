@@ -91,6 +91,11 @@ impl Map {
         (self.a.hypot(self.d), self.b.hypot(self.e))
     }
 
+    /// Columns and rows of pixels that a square of so many texels may need, wherever it lies: two more on each side.
+    pub(super) fn box_of(&self, side: f64) -> (f64, f64) {
+        ((self.a.abs() + self.b.abs()) * side + 5.0, (self.d.abs() + self.e.abs()) * side + 5.0)
+    }
+
     /// True if columns of texels are columns of pixels.
     pub(super) fn is_straight(&self) -> bool {
         self.b == 0.0 && self.d == 0.0
@@ -197,6 +202,12 @@ impl<'a> Placed<'a> {
     pub(super) fn rows(&self, level: u8) -> Range<u32> {
         let part = clip(&self.corners, (0.0, self.extent.0), (0.0, self.extent.1));
         self.tiles(level, part.iter().map(|corner| corner.1))
+    }
+
+    /// Columns of tiles of a level that it touches.
+    pub(super) fn all_columns(&self, level: u8) -> Range<u32> {
+        let part = clip(&self.corners, (0.0, self.extent.0), (0.0, self.extent.1));
+        self.tiles(level, part.iter().map(|corner| corner.0))
     }
 
     /// Columns of tiles of a level that it touches in a row of them.

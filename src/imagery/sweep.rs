@@ -8,7 +8,7 @@
 
 use std::collections::HashMap;
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
@@ -22,7 +22,7 @@ use crate::texel::{Colour, Texels};
 use crate::tile::TileId;
 
 /// Tiles of a level that are worked on together, about: enough for many threads, few enough that their halves need little memory.
-const BATCH: usize = 96;
+pub(super) const BATCH: usize = 96;
 
 /// What has been made.
 #[derive(Debug, Default)]
@@ -230,7 +230,7 @@ impl Sweep<'_> {
         let touched: usize =
             rows.clone().flat_map(|row| self.own(level, row)).map(|columns| columns.len()).sum();
         progress.skip(touched - candidates.iter().filter(|(_, own)| *own).count());
-        let made: Vec<Result<Option<(TileId, Made)>>> = candidates.par_iter().map(make).collect();
+        let made: Vec<Result<Option<(TileId, Made)>>> = in_turn(&candidates, make);
         // An error of one tile interrupts the others: it is the one to report.
         let is_cause =
             |made: &Result<_>| made.as_ref().is_err_and(|error| !matches!(error, Error::Interrupted));
@@ -307,6 +307,24 @@ impl Sweep<'_> {
         }
         Ok((canvas, own))
     }
+}
+
+/// What `make` makes of each, in their order. Threads take one after the other, so that all are at work near each other and want the same
+/// blocks of a picture.
+fn in_turn<T: Sync, U: Send>(items: &[T], make: impl Fn(&T) -> U + Sync) -> Vec<U> {
+    let next = AtomicUsize::new(0);
+    let take = |_| {
+        let mut own = Vec::new();
+        loop {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            let Some(item) = items.get(number) else { return own };
+            own.push((number, make(item)));
+        }
+    };
+    let mut made: Vec<(usize, U)> =
+        (0..rayon::current_num_threads()).into_par_iter().with_max_len(1).flat_map_iter(take).collect();
+    made.sort_unstable_by_key(|(number, _)| *number);
+    made.into_iter().map(|(_, made)| made).collect()
 }
 
 /// What children of a tile and those around them have left: row by row, the tile's own in the middle.

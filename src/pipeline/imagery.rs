@@ -1,11 +1,12 @@
 //! The imagery layer: pictures become tiles (`crate::imagery`), tiles chunks (`codec::picture`), chunks the sections of a container.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
 
-use super::{Observer, Stage, threads};
+use super::{Observer, Stage, memory, threads};
 use crate::codec::picture::{self, Codec};
 use crate::container::amend;
 use crate::container::imagery::ImageryHeader;
@@ -16,7 +17,7 @@ use crate::container::writer::{ImagerySections, ImageryWriter};
 use crate::error::{Error, Result};
 use crate::geo::{Crs, Geo};
 use crate::imagery::{self, GUTTER, PlacedPicture, PyramidReport, Resolution, TexelGrid, TileSink};
-use crate::source::picture::Picture;
+use crate::source::picture::{Memory, Picture};
 use crate::texel::{Colour, Texels};
 use crate::tile::TileId;
 
@@ -68,6 +69,34 @@ impl Imagery<'_> {
         imagery::place(self.pictures, ground.geo, &ground.grid(self.options.tile), self.options.resolution)
             .map(|_| ())
     }
+
+    /// Bytes of memory that making the layer takes on so many threads at most, from what is enough to what the pictures make use of.
+    pub fn memory(&self, ground: &Ground<'_>, threads: usize) -> Result<RangeInclusive<u64>> {
+        let grid = ground.grid(self.options.tile);
+        let Memory { reading, kept } =
+            imagery::memory(self.pictures, ground.geo, &grid, self.options.resolution, threads)?;
+        let least = memory::beside_heights(ground.tiles, threads) + reading;
+        Ok(least..=least.saturating_add(kept))
+    }
+
+    /// Lets the pictures keep what `limit` bytes leave them; `None`: as much as they make use of.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] if that is not enough.
+    pub fn keep_within(&self, ground: &Ground<'_>, threads: usize, limit: Option<u64>) -> Result<()> {
+        let Some(limit) = limit else { return Ok(()) };
+        let least = *self.memory(ground, threads)?.start();
+        let Some(rest) = limit.checked_sub(least) else {
+            return Err(Error::usage(format!(
+                "--memory: an imagery layer of tiles of {} texels takes about {} MiB on {threads} threads; allow more, or use smaller \
+                 tiles (--imagery-tile) or fewer threads",
+                self.options.tile,
+                least.div_ceil(1 << 20),
+            )));
+        };
+        self.pictures.iter().for_each(|picture| picture.keep(rest));
+        Ok(())
+    }
 }
 
 /// The heights, as far as imagery needs to know them.
@@ -79,6 +108,8 @@ pub struct Ground<'a> {
     pub intervals: u64,
     /// Columns and rows of the lattice.
     pub samples: (u32, u32),
+    /// Tiles of heights, at most.
+    pub tiles: u64,
 }
 
 impl Ground<'_> {
@@ -224,11 +255,13 @@ pub type Open<'a> = &'a (dyn Fn(&Crs) -> Result<Vec<Box<dyn Picture>>> + Sync);
 
 /// Puts an imagery layer of some pictures, the last on top, into a file that is there, or another in its place. The heights are copied, not
 /// decoded. Until all is done the old file stays; on any error it is left as it was.
+///
+/// `jobs` is the number of threads (`None`: one for each core), `memory` the bytes that are to be enough (`None`: no limit).
 pub fn add(
     file: &Path,
     open: Open<'_>,
     options: &LayerOptions,
-    jobs: Option<usize>,
+    (jobs, memory): (Option<usize>, Option<u64>),
     observer: &dyn Observer,
 ) -> Result<AddReport> {
     let start = Instant::now();
@@ -243,7 +276,9 @@ pub fn add(
         let header = reader.header();
         let intervals = u64::from(header.tile()) << header.levels;
         let imagery = Imagery { pictures: &opened, options: *options };
-        let ground = Ground { geo: reader.geo(), intervals, samples: (header.width, header.height) };
+        let samples = (header.width, header.height);
+        let ground = Ground { geo: reader.geo(), intervals, samples, tiles: header.tile_count };
+        imagery.keep_within(&ground, rayon::current_num_threads(), memory)?;
         let layer = layer(&imagery, &ground, work.folder(), observer)?;
         // An open file cannot be replaced on Windows.
         drop(reader);

@@ -52,6 +52,11 @@ impl Sizes {
     }
 }
 
+/// Bytes of memory that a layer over so many tiles of heights finds taken.
+pub fn beside_heights(tiles: u64, threads: usize) -> u64 {
+    PROGRAM + threads as u64 * THREAD + tiles * INDEX
+}
+
 impl Plan {
     /// Bytes of memory that a sweep over these columns of leaf tiles takes at most. It goes by the tiles of each level's fullest row: N of
     /// the leaves, A of all levels together, U of those above the leaves, M and V the most of one level among these.
@@ -66,7 +71,8 @@ impl Plan {
     ///   program itself.
     ///
     /// It is for voids everywhere; terrain without them takes less. What is of no more use is kept for the next tile (`buffers`), so that
-    /// the memory of one kind of these never becomes that of another. What GDAL keeps while it warps, and the blocks of pictures, are not in it.
+    /// the memory of one kind of these never becomes that of another. Imagery is made afterwards ([`super::imagery::Imagery::memory`]). What
+    /// GDAL keeps while it warps is not in it.
     pub fn memory(&self, columns: &Range<u32>) -> u64 {
         let rows: Vec<u64> = (0..=self.levels).map(|up| self.occupied.widest(up, columns)).collect();
         rows[0] * (Sizes::of(self).lattice + self.band_bytes) + self.memory_of_rows(&rows)

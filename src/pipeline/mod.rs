@@ -181,6 +181,7 @@ pub fn build_with(
         if let Some(imagery) = imagery {
             // What is wrong with the pictures is to be known before the heights are built.
             imagery.check(&plan.ground())?;
+            imagery.keep_within(&plan.ground(), plan.jobs, options.memory)?;
         }
         let window = Extent::of_level(&plan, plan.levels);
         let strips = plan.strips(options.memory)?;

@@ -128,7 +128,8 @@ fn check_power(option: &str, value: u32, low: u32, high: u32) -> Result<()> {
 impl Plan {
     /// What imagery needs to know of the lattice.
     pub fn ground(&self) -> Ground<'_> {
-        Ground { geo: &self.geo, intervals: self.span(0), samples: (self.width, self.height) }
+        let (samples, tiles) = ((self.width, self.height), self.most_tiles().iter().sum());
+        Ground { geo: &self.geo, intervals: self.span(0), samples, tiles }
     }
 
     /// Tile columns of a level that can hold samples.

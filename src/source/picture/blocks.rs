@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::cache::Cache;
 use super::convert::{Plane, Recipe};
-use super::{Picture, PictureInfo, PictureNote, Pixels};
+use super::{Memory, Picture, PictureInfo, PictureNote, Pixels};
 use crate::error::{Error, Result};
 use crate::geo::Geo;
 use crate::sample::SampleType;
@@ -35,6 +35,10 @@ pub(super) trait Blocks: Send + Sync {
     fn shape(&self) -> Shape;
     /// True if the file has no such block of any of these bands: all of its samples are nodata, or 0.
     fn is_absent(&self, block: usize, bands: &[usize]) -> bool;
+    /// Samples of a pixel that are decoded to get these bands.
+    fn samples_read(&self, bands: &[usize]) -> usize {
+        bands.len()
+    }
     /// Samples of these bands (from 0), `block_width` in a row. Rows below the raster may be missing.
     fn read(&self, block: usize, bands: &[usize]) -> Result<Raw>;
     /// The files behind it.
@@ -102,6 +106,18 @@ impl Layer {
     fn new(blocks: Box<dyn Blocks>, recipe: Recipe, cache: &Arc<Cache>) -> Self {
         let bands = recipe.bands().collect();
         Self { blocks, recipe, bands, cache: Arc::clone(cache), number: cache.register() }
+    }
+
+    /// Memory that its blocks take: while one is decoded, as stored, decoded and converted; and all of them as they are kept.
+    fn memory(&self) -> Memory {
+        let shape = self.blocks.shape();
+        let pixels = u64::from(shape.block_width) * u64::from(shape.block_height);
+        let decoded = (self.blocks.samples_read(&self.bands) * self.recipe.kind.bytes()) as u64;
+        let converted = self.recipe.channels() as u64 + u64::from(self.recipe.hides());
+        Memory {
+            reading: pixels * (2 * decoded + converted),
+            kept: pixels.saturating_mul(shape.blocks() as u64).saturating_mul(converted),
+        }
     }
 
     /// A block, `block_width` pixels wide, converted; rows below the raster are not there.
@@ -281,6 +297,15 @@ impl Picture for BlockPicture {
             return false;
         }
         self.layer.may_show(&columns, &rows)
+    }
+
+    fn memory(&self) -> Memory {
+        let (own, mask) = (self.layer.memory(), self.mask.as_ref().map(Layer::memory).unwrap_or_default());
+        Memory { reading: own.reading.max(mask.reading), kept: own.kept.saturating_add(mask.kept) }
+    }
+
+    fn keep(&self, bytes: u64) {
+        self.layer.cache.limit(usize::try_from(bytes).unwrap_or(usize::MAX));
     }
 
     fn fingerprint(&self) -> Result<Fingerprint> {

@@ -4,6 +4,7 @@
 //! thread pool.
 
 use std::collections::{BTreeMap, HashMap};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::Pixels;
@@ -17,7 +18,7 @@ type Slot = Arc<Mutex<Option<Arc<Pixels>>>>;
 
 /// Decoded blocks, up to so many bytes.
 pub(super) struct Cache {
-    bytes: usize,
+    most: AtomicUsize,
     state: Mutex<State>,
 }
 
@@ -39,7 +40,17 @@ struct Entry {
 
 impl Cache {
     pub(super) fn new(bytes: usize) -> Self {
-        Self { bytes, state: Mutex::default() }
+        Self { most: AtomicUsize::new(bytes), state: Mutex::default() }
+    }
+
+    /// Bytes that it may take from now on: those of what comes next, if it has more.
+    pub(super) fn limit(&self, bytes: usize) {
+        self.most.store(bytes, Ordering::Relaxed);
+    }
+
+    /// Bytes that it may take.
+    pub(super) fn most(&self) -> usize {
+        self.most.load(Ordering::Relaxed)
     }
 
     /// A number for a picture.
@@ -82,7 +93,7 @@ impl Cache {
         let Some(entry) = state.slots.get_mut(&key) else { return };
         let before = std::mem::replace(&mut entry.bytes, bytes);
         state.bytes = state.bytes - before + bytes;
-        while state.bytes > self.bytes && state.uses.len() > 1 {
+        while state.bytes > self.most() && state.uses.len() > 1 {
             let Some((_, old)) = state.uses.pop_first() else { break };
             state.bytes -= state.slots.remove(&old).map_or(0, |entry| entry.bytes);
         }
@@ -108,6 +119,16 @@ mod tests {
         assert!(there(0));
         cache.get((1, 0), || Ok(block(9))).expect("new");
         assert!(there(0) && there(2) && !there(1));
+    }
+
+    #[test]
+    fn a_lower_limit_is_kept_from_the_next_block_on() {
+        let cache = Cache::new(100);
+        (0..5).for_each(|n| assert!(cache.get((0, n), || Ok(block(n as u8))).is_ok()));
+        cache.limit(20);
+        cache.get((1, 0), || Ok(block(9))).expect("new");
+        let there = |n| cache.get((0, n), || Err(Error::usage("gone"))).is_ok();
+        assert!(there(4) && !there(3));
     }
 
     #[test]

@@ -30,8 +30,8 @@ use crate::limits::Limits;
 use crate::source::Fingerprint;
 use crate::texel::Colour;
 
-/// Memory for decoded blocks of all pictures together: those of a row of tiles over the widest strips that one meets.
-const CACHE_BYTES: usize = 512 << 20;
+/// Bytes of decoded blocks that are kept of all pictures together: those of a row of tiles over the widest strips that one meets.
+pub const KEPT: u64 = 512 << 20;
 
 /// What to do about a picture without a place.
 const NOWHERE: &str =
@@ -90,8 +90,26 @@ pub trait Picture: Send + Sync {
         true
     }
 
+    /// Memory that reading takes, apart from the windows that are read.
+    fn memory(&self) -> Memory {
+        Memory::default()
+    }
+
+    /// Lets what is kept for later reads take so many bytes at most, in all pictures together that were opened with this one. The fewer they
+    /// are, the more often the same is decoded again.
+    fn keep(&self, _bytes: u64) {}
+
     /// The files it is made of.
     fn fingerprint(&self) -> Result<Fingerprint>;
+}
+
+/// Bytes that reading a picture takes at most.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Memory {
+    /// What each thread takes that reads from it.
+    pub reading: u64,
+    /// What is kept for later reads. Pictures that were opened together have [`KEPT`] in all unless [`Picture::keep`] says otherwise.
+    pub kept: u64,
 }
 
 /// How pictures are read.
@@ -118,7 +136,7 @@ pub fn open_all(
             "bands of a picture are one (grey) or three (red, green, blue), and one more for alpha, counted from 1",
         ));
     }
-    let cache = Arc::new(Cache::new(CACHE_BYTES));
+    let cache = Arc::new(Cache::new(KEPT as usize));
     let mut opened = Vec::new();
     for path in paths {
         opened.push(open(path, options, crs, limits, &cache).map_err(|error| error.at(path))?);

@@ -151,6 +151,10 @@ impl Blocks for Raster {
         bands.iter().all(|&band| Raster::is_absent(self, block, band as u32))
     }
 
+    fn samples_read(&self, bands: &[usize]) -> usize {
+        if self.planes() == 1 { self.block_bands() } else { bands.len() }
+    }
+
     fn read(&self, block: usize, bands: &[usize]) -> Result<Raw> {
         if self.planes() == 1 {
             let stride = self.block_bands();

@@ -1,0 +1,76 @@
+//! How much memory making the tiles takes at most, known before a pixel is read.
+
+use std::ops::Range;
+
+use super::place::Placed;
+use super::sweep::BATCH;
+use super::{GUTTER, Resolution, TexelGrid, placed};
+use crate::error::Result;
+use crate::geo::Geo;
+use crate::source::picture::{KEPT, Memory, Picture};
+use crate::texel::Colour;
+
+/// Bytes for each texel of a tile that a thread works on: canvas, layer, texels, and what the codecs take (WebP most).
+const THREAD_TEXEL: u64 = 32;
+/// Bytes for each pixel that a tile is resampled from.
+const PIXEL: u64 = 4;
+/// Bytes of the index for each tile of the layer: its row, where it is found, and its share of a packed page.
+const INDEX: u64 = 128;
+/// Bytes for the parts of a half beside its texels.
+const EACH: u64 = 256;
+
+/// Memory that [`super::build`] takes at most on so many threads: `reading` stands for all but the blocks of pictures that are kept.
+///
+/// - The halves of each level: of four rows of the tiles that pictures touch, and of those that are worked on together, which are about
+///   a hundred, or a row.
+/// - For each thread a tile, the pixels that it is resampled from, and a block of the picture that it reads.
+/// - The index of the layer.
+pub fn memory(
+    pictures: &[Box<dyn Picture>],
+    geo: &Geo,
+    grid: &TexelGrid,
+    resolution: Resolution,
+    threads: usize,
+) -> Result<Memory> {
+    let placed = placed(pictures, geo, grid, resolution)?;
+    let finest = placed.iter().map(|placed| placed.level).max().unwrap_or(0);
+    let is_rgb = pictures.iter().any(|picture| picture.info().kind == Colour::Rgb);
+    let channels = if is_rgb { 4 } else { 2 };
+    let half = u64::from(grid.tile / 2).pow(2) * channels + EACH;
+    let (mut halves, mut tiles) = (0, 0);
+    for level in 0..=finest {
+        let (columns, rows) = touched(&placed, level);
+        let all = columns * rows;
+        halves += all.min(5 * columns + BATCH as u64) * half;
+        tiles += all;
+    }
+    let texels = (u64::from(grid.tile) + 2 * GUTTER as u64).pow(2);
+    let read = placed.iter().map(|placed| reading(placed, grid)).max().unwrap_or(0);
+    let kept = pictures.iter().map(|picture| picture.memory().kept).fold(0, u64::saturating_add);
+    Ok(Memory {
+        reading: halves + threads as u64 * (texels * THREAD_TEXEL + read) + tiles * INDEX,
+        kept: kept.min(KEPT),
+    })
+}
+
+/// Columns and rows of tiles of a level from the first to the last that pictures touch.
+fn touched(placed: &[Placed<'_>], level: u8) -> (u64, u64) {
+    let finer = || placed.iter().filter(|placed| placed.level >= level);
+    let span = |a: Range<u32>, b: Range<u32>| match (a.is_empty(), b.is_empty()) {
+        (true, _) => b,
+        (_, true) => a,
+        _ => a.start.min(b.start)..a.end.max(b.end),
+    };
+    let rows = finer().map(|placed| placed.rows(level)).fold(0..0, span);
+    let columns = finer().map(|placed| placed.all_columns(level)).fold(0..0, span);
+    (columns.len() as u64, rows.len() as u64)
+}
+
+/// Bytes that a thread takes to read what a tile of the picture's own level is resampled from: no tile needs more.
+fn reading(placed: &Placed<'_>, grid: &TexelGrid) -> u64 {
+    let info = placed.picture.info();
+    let side = grid.tile as usize + 2 * GUTTER;
+    let (across, down) = placed.map(placed.level).box_of(side as f64);
+    let pixels = |length: f64, most: u32| length.ceil().min(f64::from(most)) as u64;
+    pixels(across, info.width) * pixels(down, info.height) * PIXEL + placed.picture.memory().reading
+}
