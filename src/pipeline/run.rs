@@ -24,7 +24,7 @@ use crate::pipeline::work::Work;
 use crate::pipeline::{BuildOptions, CHECKPOINT, Observer, Stage};
 use crate::source::{Source, SourceInfo};
 use crate::tile::code::{Recipe, max_magnitude};
-use crate::tile::split;
+use crate::tile::{fill, split};
 
 /// A window all of whose rows have been through the sweep.
 pub struct Done {
@@ -307,10 +307,11 @@ impl Bands<'_> {
                     spares.give(plan.tile, lattice);
                     return None;
                 }
-                Some((
-                    x,
-                    if own(x) { Slot::Work(Box::new(Work::leaf(lattice))) } else { Slot::Seen(lattice) },
-                ))
+                if !own(x) {
+                    return Some((x, Slot::Seen(lattice)));
+                }
+                fill::inside(&mut lattice);
+                Some((x, Slot::Work(Box::new(Work::leaf(lattice)))))
             }));
             self.source.take_back(window);
         }

@@ -76,7 +76,7 @@ impl Neighbourhood<'_> {
     pub fn fills(&self, from: usize, to: usize) -> Vec<Fill> {
         let mut fills = Vec::new();
         let Some(tile) = self.0[1][1] else { return fills };
-        if states::all_valid(&tile.state) {
+        if !has_void(&tile.state) {
             return fills;
         }
         let mut state = tile.state.clone();
@@ -86,7 +86,7 @@ impl Neighbourhood<'_> {
         while spacing <= to {
             // Only samples whose column and row are multiples of a spacing are settled by it.
             for (y, row) in state.chunks_exact_mut(tile.n + 1).enumerate().step_by(spacing) {
-                if row.iter().fold(VALID, |least, &state| state.min(least)) != VOID {
+                if !has_void(row) {
                     continue;
                 }
                 best.clear();
@@ -150,32 +150,37 @@ impl Neighbourhood<'_> {
     /// Lower median of the valid samples among the eight at distance `spacing`.
     fn median(&self, tile: &Lattice, x: usize, y: usize, spacing: usize) -> Option<(i32, u32)> {
         let inside = |v: usize| v >= spacing && v + spacing <= tile.n;
-        let mut near = Near::default();
         if inside(x) && inside(y) {
-            let (at, down) = (tile.at(x, y), spacing * (tile.n + 1));
-            let around = [
-                at - down - spacing,
-                at - down,
-                at - down + spacing,
-                at - spacing,
-                at + spacing,
-                at + down - spacing,
-                at + down,
-                at + down + spacing,
-            ];
-            for (place, at) in around.into_iter().enumerate() {
-                near.take(place, (tile.state[at], tile.code[at], tile.low_at(at)));
-            }
-        } else {
-            let (s, x, y) = (spacing as isize, x as isize, y as isize);
-            let around = [(-s, -s), (0, -s), (s, -s), (-s, 0), (s, 0), (-s, s), (0, s), (s, s)];
-            for (place, (dx, dy)) in around.into_iter().enumerate() {
-                near.take(place, self.sample(tile.n, x + dx, y + dy));
-            }
+            return median_inside(tile, x, y, spacing);
         }
-        let median = states::median_of(near.heights, near.count)?;
-        Some(((median >> 32) as i32, median as u32))
+        let mut near = Near::default();
+        let (s, x, y) = (spacing as isize, x as isize, y as isize);
+        let around = [(-s, -s), (0, -s), (s, -s), (-s, 0), (s, 0), (-s, s), (0, s), (s, s)];
+        for (place, (dx, dy)) in around.into_iter().enumerate() {
+            near.take(place, self.sample(tile.n, x + dx, y + dy));
+        }
+        near.median()
     }
+}
+
+/// [`Neighbourhood::median`] of a sample that has all eight in its own tile.
+fn median_inside(tile: &Lattice, x: usize, y: usize, spacing: usize) -> Option<(i32, u32)> {
+    let (at, down) = (tile.at(x, y), spacing * (tile.n + 1));
+    let around = [
+        at - down - spacing,
+        at - down,
+        at - down + spacing,
+        at - spacing,
+        at + spacing,
+        at + down - spacing,
+        at + down,
+        at + down + spacing,
+    ];
+    let mut near = Near::default();
+    for (place, at) in around.into_iter().enumerate() {
+        near.take(place, (tile.state[at], tile.code[at], tile.low_at(at)));
+    }
+    near.median()
 }
 
 /// The valid ones of eight samples.
@@ -201,6 +206,13 @@ impl Near {
         self.heights[place] = (height & !out) | (out & i64::MAX);
         self.count += (out + 1) as usize;
     }
+
+    /// The lower median of those taken.
+    #[inline(always)]
+    fn median(self) -> Option<(i32, u32)> {
+        let median = states::median_of(self.heights, self.count)?;
+        Some(((median >> 32) as i32, median as u32))
+    }
 }
 
 /// Number of the tile that has column or row `v`, -n..=2n from the own tile's first (0 before, 1 the own, 2 after), and
@@ -223,16 +235,50 @@ fn mirror(v: usize, tile: usize, n: usize) -> Option<usize> {
     }
 }
 
+/// Fills the void samples inside a leaf tile that have a valid one beside them, as [`Neighbourhood::fills`] would, which has less to do then:
+/// most fills are these, and nobody else is needed for them, so they are best found while the tile is in the processor's cache.
+pub fn inside(tile: &mut Lattice) {
+    if states::all_valid(&tile.state) {
+        return;
+    }
+    let (n, width) = (tile.n, tile.n + 1);
+    let (mut best, mut open) = (vec![VOID; width + 2], vec![0; width]);
+    for y in 1..n {
+        let row = &tile.state[y * width..][..width];
+        if !has_void(row) {
+            continue;
+        }
+        best.fill(VOID);
+        let around = [y - 1, y, y + 1].map(|y| [&[][..], &tile.state[y * width..][..width], &[]]);
+        simd::run(NearValid { row, around, best: &mut best, open: &mut open });
+        (open[0], open[n]) = (0, 0);
+        states::each_place(&open, 1, |x| {
+            if let Some((code, low)) = median_inside(tile, x, y, 1) {
+                put(tile, (y * width + x, code, low));
+            }
+        });
+    }
+}
+
 /// Writes fills into their tile.
 pub fn apply(lattice: &mut Lattice, fills: &[Fill]) {
     for &(index, code, low) in fills {
-        let index = index as usize;
-        lattice.code[index] = code;
-        lattice.state[index] = FILLED;
-        if let Some(to) = lattice.low.get_mut(index) {
-            *to = low;
-        }
+        put(lattice, (index as usize, code, low));
     }
+}
+
+fn put(lattice: &mut Lattice, (index, code, low): (usize, i32, u32)) {
+    lattice.code[index] = code;
+    lattice.state[index] = FILLED;
+    if let Some(to) = lattice.low.get_mut(index) {
+        *to = low;
+    }
+}
+
+/// True if one of some samples is void.
+fn has_void(states: &[u8]) -> bool {
+    // The least of all: no early end, so that the compiler makes vectors of it.
+    states.iter().fold(VALID, |least, &state| state.min(least)) == VOID
 }
 
 #[cfg(test)]
@@ -306,6 +352,17 @@ mod tests {
                 want.sort_unstable();
                 got.sort_unstable();
                 assert_eq!(got, want, "{n}, {valid} of 100");
+                // With those inside found before.
+                let mut filled = tiles[1][1].clone();
+                inside(&mut filled);
+                let mut around = around.0;
+                around[1][1] = Some(&filled);
+                let rest = Neighbourhood(around).fills(1, n);
+                assert!(rest.len() <= want.len());
+                apply(&mut filled, &rest);
+                let mut at_once = tiles[1][1].clone();
+                apply(&mut at_once, &want);
+                assert!(filled == at_once, "{n}, {valid} of 100");
             }
         }
     }
