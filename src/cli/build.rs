@@ -56,7 +56,7 @@ pub struct Args {
     /// Seconds between two checkpoints, from which --resume goes on
     #[arg(long, default_value_t = pipeline::CHECKPOINT.as_secs_f64(), value_name = "SECONDS", value_parser = interval)]
     checkpoint: f64,
-    /// Keep within this much memory (256MiB, 2GiB), by building strips one after the other if the DEM is wide; slower then
+    /// Keep within this much memory (256MiB, 2GiB), imagery included, by building strips one after the other if the DEM is wide; slower then
     #[arg(long, value_name = "SIZE", value_parser = size)]
     memory: Option<u64>,
     /// Build these tiles of the leaf level only, from column X0 and row Y0 up to X1 and Y1: OUT is then a piece for `relevo merge`
