@@ -122,6 +122,7 @@ fn imagery_keeps_within_the_estimate() {
     let limited = |limit| [&imagery[..], &["--memory", limit]].concat();
     let (most, took) = (estimate(folder, &imagery), peak(folder, &imagery));
     assert!(took > 0 && took <= most + LIBRARIES, "{took} bytes, {most} were to be enough");
+    assert_eq!(estimate(folder, &limited("64GiB")), most);
     let file = fs::read(folder.join("out.rlv")).expect("file");
     let (least, took) = (estimate(folder, &limited("90MiB")), peak(folder, &limited("90MiB")));
     assert!(most > 90 << 20 && least <= 90 << 20, "{most}, {least}");

@@ -17,7 +17,7 @@ use crate::container::writer::{ImagerySections, ImageryWriter};
 use crate::error::{Error, Result};
 use crate::geo::{Crs, Geo};
 use crate::imagery::{self, GUTTER, PlacedPicture, PyramidReport, Resolution, TexelGrid, TileSink};
-use crate::source::picture::{Memory, Picture};
+use crate::source::picture::{KEPT, Memory, Picture};
 use crate::texel::{Colour, Texels};
 use crate::tile::TileId;
 
@@ -79,7 +79,7 @@ impl Imagery<'_> {
         Ok(least..=least.saturating_add(kept))
     }
 
-    /// Lets the pictures keep what `limit` bytes leave them; `None`: as much as they make use of.
+    /// Lets the pictures keep what `limit` bytes leave them, but no more than without one.
     ///
     /// # Errors
     /// [`Error::Usage`] if that is not enough.
@@ -94,7 +94,7 @@ impl Imagery<'_> {
                 least.div_ceil(1 << 20),
             )));
         };
-        self.pictures.iter().for_each(|picture| picture.keep(rest));
+        self.pictures.iter().for_each(|picture| picture.keep(rest.min(KEPT)));
         Ok(())
     }
 }
