@@ -21,6 +21,9 @@ use crate::error::{Error, Result};
 /// Sweeps over different columns that are remembered at the same time.
 const SWEEPS: usize = 4;
 
+/// Bytes that the system is asked to fetch at a time for the next window, at most.
+const AHEAD: u64 = 64 << 20;
+
 /// A decoded block.
 type Block = Arc<Vec<u8>>;
 
@@ -83,6 +86,11 @@ impl Band {
         parts::room(samples, columns, rows)?;
         if samples.is_empty() {
             return Ok(());
+        }
+        // Sweeps go from north to south: while this window is worked on the system can fetch the next one.
+        let next = rows.end..rows.end.saturating_add(rows.len() as u32).min(layout.height);
+        if let Some(Range { start, end }) = layout.span(columns, &next) {
+            self.file.will_need(start..end.min(start.saturating_add(AHEAD)));
         }
         if layout.is_direct() && !layout.tiled && layout.bands == 1 && columns.len() == layout.width as usize
         {

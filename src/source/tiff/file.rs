@@ -5,10 +5,11 @@
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
-use crate::file::read_exact_at;
+use crate::file::{read_exact_at, will_need};
 
 /// Bytes that a [`Cursor`] reads at a time: header and directories of most files at once.
 const BUFFER: usize = 64 << 10;
@@ -50,6 +51,11 @@ impl TiffFile {
             let got = format!("the end of the file at {now}, shortened from {} since: {hint}", self.length);
             Error::format(name(), what, got)
         })
+    }
+
+    /// Says that some bytes will be read soon.
+    pub(super) fn will_need(&self, bytes: Range<u64>) {
+        will_need(&self.file, bytes);
     }
 
     /// Reads the file from its start.
@@ -149,6 +155,8 @@ mod tests {
         std::fs::write(&path, [7; 100]).expect("write");
         let file = TiffFile::open(&path).expect("open");
         File::options().write(true).open(&path).expect("open").set_len(60).expect("shorten");
+        // Only a hint.
+        file.will_need(50..1000);
         let mut bytes = [0; 50];
         file.read(&mut bytes[..20], 40, &|| "strip 3".to_owned()).expect("there");
         let message = file.read(&mut bytes, 40, &|| "strip 3".to_owned()).expect_err("gone").to_string();

@@ -5,6 +5,8 @@
 
 mod tags;
 
+use std::ops::Range;
+
 use tiff::Directory;
 use tiff::tags::Tag;
 
@@ -218,6 +220,29 @@ impl Layout {
         self.compression == Compression::None && self.stored != Stored::Bit
     }
 
+    /// Where the blocks lie that a window needs, if little else lies there that it does not; `None` of an empty window.
+    pub(super) fn span(&self, columns: &Range<u32>, rows: &Range<u32>) -> Option<Range<u64>> {
+        // Of rows that are not compressed the rest need not be read.
+        let by_row = self.is_direct() && !self.tiled;
+        if columns.is_empty() || rows.is_empty() || by_row && 2 * columns.len() < self.width as usize {
+            return None;
+        }
+        let along = |range: &Range<u32>, size: u32| range.start / size..(range.end - 1) / size + 1;
+        let (across, down) = (along(columns, self.block_width), along(rows, self.block_height));
+        let (mut bytes, mut least, mut end) = (0_u64, u64::MAX, 0);
+        for y in down {
+            for x in across.clone() {
+                let block = y as usize * self.across as usize + x as usize;
+                let (start, count) = (*self.offsets.get(block)?, *self.counts.get(block)?);
+                if count > 0 {
+                    (least, end) = (least.min(start), end.max(start.saturating_add(count)));
+                    bytes = bytes.saturating_add(count);
+                }
+            }
+        }
+        (least < end && end - least <= bytes.saturating_mul(2)).then_some(least..end)
+    }
+
     /// A block by name, for messages.
     pub(super) fn block_name(&self, index: usize) -> String {
         let kind = if self.tiled { "tile" } else { "strip" };
@@ -333,5 +358,33 @@ pub(super) mod tests {
             offsets: Vec::new(),
             counts: Vec::new(),
         }
+    }
+
+    #[test]
+    fn what_a_window_needs_lies_together_or_is_not_asked_for() {
+        // Tiles of 16 x 16 uint32 after one another; the file has none of the second.
+        let mut tiles = layout(64, 40, 16, 16);
+        (tiles.offsets, tiles.counts) = ((0..12).map(|i| 100 + 1024 * i).collect(), vec![1024; 12]);
+        (tiles.offsets[1], tiles.counts[1]) = (0, 0);
+        assert_eq!(tiles.span(&(0..64), &(0..16)), Some(100..100 + 4 * 1024));
+        assert_eq!(tiles.span(&(0..64), &(15..33)), Some(100..100 + 12 * 1024));
+        assert_eq!(tiles.span(&(20..40), &(16..20)), Some(100 + 5 * 1024..100 + 7 * 1024));
+        // One column of them: three times as much lies between.
+        assert_eq!(tiles.span(&(0..16), &(0..40)), None);
+        assert_eq!(tiles.span(&(16..32), &(0..16)), None);
+        assert_eq!((tiles.span(&(0..0), &(0..16)), tiles.span(&(0..16), &(16..16))), (None, None));
+        // Damaged offsets: what is far away, or has no end.
+        tiles.offsets[2] = 1 << 50;
+        assert_eq!(tiles.span(&(0..64), &(0..16)), None);
+        (tiles.offsets[2], tiles.counts[2]) = (u64::MAX - 1, u64::MAX);
+        assert_eq!(tiles.span(&(0..64), &(0..16)), Some(100..u64::MAX));
+        let mut strips = Layout { tiled: false, ..layout(64, 40, 64, 10) };
+        (strips.offsets, strips.counts) = ((0..4).map(|i| 8 + 2560 * i).collect(), vec![2560; 4]);
+        assert_eq!(strips.span(&(0..64), &(9..11)), Some(8..8 + 2 * 2560));
+        assert_eq!(strips.span(&(0..20), &(9..11)), None);
+        strips.compression = Compression::Deflate;
+        assert_eq!(strips.span(&(0..20), &(9..11)), Some(8..8 + 2 * 2560));
+        strips.offsets.truncate(1);
+        assert_eq!(strips.span(&(0..64), &(9..11)), None);
     }
 }
