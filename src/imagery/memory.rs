@@ -11,7 +11,7 @@ use crate::source::picture::{KEPT, Memory, Picture};
 use crate::texel::Colour;
 
 /// Bytes for each texel of a tile that a thread works on: canvas, layer, texels, and what the codecs take (WebP most).
-const THREAD_TEXEL: u64 = 32;
+const THREAD_TEXEL: u64 = 48;
 /// Bytes for each pixel that a tile is resampled from.
 const PIXEL: u64 = 4;
 /// Bytes of the index for each tile of the layer: its row, where it is found, and its share of a packed page.
@@ -47,10 +47,9 @@ pub fn memory(
     let texels = (u64::from(grid.tile) + 2 * GUTTER as u64).pow(2);
     let read = placed.iter().map(|placed| reading(placed, grid)).max().unwrap_or(0);
     let kept = pictures.iter().map(|picture| picture.memory().kept).fold(0, u64::saturating_add);
-    Ok(Memory {
-        reading: halves + threads as u64 * (texels * THREAD_TEXEL + read) + tiles * INDEX,
-        kept: kept.min(KEPT),
-    })
+    let each = read.saturating_add(texels * THREAD_TEXEL);
+    let reading = each.saturating_mul(threads as u64).saturating_add(halves + tiles * INDEX);
+    Ok(Memory { reading, kept: kept.min(KEPT) })
 }
 
 /// Columns and rows of tiles of a level from the first to the last that pictures touch.
@@ -72,5 +71,6 @@ fn reading(placed: &Placed<'_>, grid: &TexelGrid) -> u64 {
     let side = grid.tile as usize + 2 * GUTTER;
     let (across, down) = placed.map(placed.level).box_of(side as f64);
     let pixels = |length: f64, most: u32| length.ceil().min(f64::from(most)) as u64;
-    pixels(across, info.width) * pixels(down, info.height) * PIXEL + placed.picture.memory().reading
+    let window = (pixels(across, info.width) * pixels(down, info.height)).saturating_mul(PIXEL);
+    window.saturating_add(placed.picture.memory().reading)
 }

@@ -75,7 +75,7 @@ impl Imagery<'_> {
         let grid = ground.grid(self.options.tile);
         let Memory { reading, kept } =
             imagery::memory(self.pictures, ground.geo, &grid, self.options.resolution, threads)?;
-        let least = memory::beside_heights(ground.tiles, threads) + reading;
+        let least = memory::beside_heights(ground.tiles, threads).saturating_add(reading);
         Ok(least..=least.saturating_add(kept))
     }
 

@@ -115,7 +115,7 @@ impl Layer {
         let decoded = (self.blocks.samples_read(&self.bands) * self.recipe.kind.bytes()) as u64;
         let converted = self.recipe.channels() as u64 + u64::from(self.recipe.hides());
         Memory {
-            reading: pixels * (2 * decoded + converted),
+            reading: pixels.saturating_mul(2 * decoded + converted),
             kept: pixels.saturating_mul(shape.blocks() as u64).saturating_mul(converted),
         }
     }
