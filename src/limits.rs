@@ -12,14 +12,18 @@ pub struct Limits {
     pub vrt_bytes: u64,
     /// Files of a mosaic, those of VRTs within it included (131 072).
     pub mosaic_files: u64,
-    /// Entries of a TIFF directory, or bytes of a text tag (16 Mi).
+    /// Values of a TIFF tag, or bytes of a text tag (16 Mi).
     pub tag_entries: u64,
+    /// Bytes of the content of a gzipped raster (64 GiB).
+    pub unpacked_bytes: u64,
     /// Bytes of the metadata section of a container, decoded (64 MiB).
     pub metadata_bytes: u64,
     /// Bytes of one index page, decoded (1 MiB).
     pub page_bytes: u64,
     /// Bytes of the statistics section, decoded (64 MiB).
     pub statistics_bytes: u64,
+    /// Bytes that looking into pictures as they are opened may take (no limit).
+    pub opening_bytes: u64,
 }
 
 impl Default for Limits {
@@ -30,9 +34,11 @@ impl Default for Limits {
             vrt_bytes: 64 << 20,
             mosaic_files: 1 << 17,
             tag_entries: 16 << 20,
+            unpacked_bytes: 64 << 30,
             metadata_bytes: 64 << 20,
             page_bytes: 1 << 20,
             statistics_bytes: 64 << 20,
+            opening_bytes: u64::MAX,
         }
     }
 }

@@ -12,17 +12,30 @@ use std::sync::{Arc, Mutex, PoisonError};
 use rayon::prelude::*;
 
 use super::decode::{self, Buffers};
-use super::direct;
+use super::direct::{self, READ_BYTES};
 use super::file::TiffFile;
-use super::layout::Layout;
+use super::layout::{Layout, Stored};
 use super::parts::{self, Number, Part};
 use crate::error::{Error, Result};
+use crate::source::ReadMemory;
 
 /// Sweeps over different columns that are remembered at the same time.
 const SWEEPS: usize = 4;
 
 /// Bytes that the system is asked to fetch at a time for the next window, at most.
 const AHEAD: u64 = 64 << 20;
+
+/// Buffers of threads that are not decoding: of all rasters together, since a mosaic has hundreds open.
+static BUFFERS: Mutex<Vec<Buffers>> = Mutex::new(Vec::new());
+
+/// Bytes of buffers that are given back rather than kept.
+const LARGE: usize = 16 << 20;
+
+/// Bytes that are read of a block which has so many decoded: no encoder makes one more than twice as large, and what stands behind is
+/// not needed.
+fn most_packed(decoded: u64) -> u64 {
+    decoded.saturating_mul(2).saturating_add(1 << 16)
+}
 
 /// A decoded block.
 type Block = Arc<Vec<u8>>;
@@ -33,7 +46,6 @@ pub(super) struct Band {
     pub(super) layout: Layout,
     /// The most recent last.
     sweeps: Mutex<Vec<Sweep>>,
-    buffers: Mutex<Vec<Buffers>>,
     /// Memory of blocks that were kept.
     free: Mutex<Vec<Vec<u8>>>,
     #[cfg(test)]
@@ -67,7 +79,6 @@ impl Band {
             file,
             layout,
             sweeps: Mutex::default(),
-            buffers: Mutex::default(),
             free: Mutex::default(),
             #[cfg(test)]
             decoded: std::sync::atomic::AtomicUsize::new(0),
@@ -104,13 +115,44 @@ impl Band {
         }
     }
 
+    /// Memory that reading takes: see [`ReadMemory`].
+    pub(super) fn reading(&self) -> ReadMemory {
+        let layout = &self.layout;
+        let sample = match layout.stored {
+            Stored::Bit => 1,
+            Stored::Number(kind) => kind.bytes() as u64,
+        };
+        if layout.is_direct() {
+            return ReadMemory { thread: 2 * READ_BYTES as u64, ..ReadMemory::plain(sample) };
+        }
+        let rows = u64::from(layout.block_height.min(layout.height.max(1)));
+        let rows = if layout.tiled { u64::from(layout.block_height) } else { rows };
+        let stored = layout.row_bytes().saturating_mul(rows);
+        let bits =
+            if layout.stored == Stored::Bit { u64::from(layout.block_width).saturating_mul(rows) } else { 0 };
+        let block = stored.max(bits);
+        let packed = layout.counts.iter().copied().max().unwrap_or(0).min(most_packed(stored));
+        let column = (u64::from(layout.across) as f64) * block as f64 / f64::from(layout.width.max(1));
+        // Where the last block is made of bits or bytes are put in order, a second buffer stands beside the first.
+        let thread = packed.saturating_add(block).saturating_add(stored.min(bits).max(layout.row_bytes()));
+        ReadMemory { sample, column, block, thread }
+    }
+
+    /// Lets go of blocks.
+    pub(super) fn release(&self) {
+        self.sweeps.lock().unwrap_or_else(PoisonError::into_inner).clear();
+        self.free.lock().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+
     /// Lends the buffers of one thread.
-    pub(super) fn with_buffers<R>(&self, work: impl FnOnce(&mut Buffers) -> R) -> R {
-        let lock = || self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
+    pub(super) fn with_buffers<R>(work: impl FnOnce(&mut Buffers) -> R) -> R {
+        let lock = || BUFFERS.lock().unwrap_or_else(PoisonError::into_inner);
         let buffers = lock().pop();
         let mut buffers = buffers.unwrap_or_default();
         let result = work(&mut buffers);
-        lock().push(buffers);
+        if buffers.bytes() <= LARGE {
+            lock().push(buffers);
+        }
         result
     }
 
@@ -134,7 +176,7 @@ impl Band {
                 part.copy(&self.layout, block);
                 return Ok(keep.then(|| (index, Arc::clone(block))));
             }
-            self.with_buffers(|buffers| {
+            Self::with_buffers(|buffers| {
                 self.decode(index, buffers)?;
                 part.copy(&self.layout, &buffers.bytes);
                 Ok(keep.then(|| (index, Arc::new(std::mem::replace(&mut buffers.bytes, self.memory())))))
@@ -158,10 +200,12 @@ impl Band {
             return Err(Error::format(name(), format!("{count} bytes of the file"), got));
         }
         let rows = layout.coded_rows((index / layout.across as usize) as u32 % layout.down);
-        // No encoder makes a block more than twice as large: what stands behind is not needed.
-        let most = 2 * layout.row_bytes() * u64::from(rows) + (1 << 16);
+        let most = most_packed(layout.row_bytes() * u64::from(rows));
         decode::resize(&mut buffers.packed, count.min(most) as usize)?;
         self.file.read(&mut buffers.packed, start, &name)?;
+        if layout.reversed {
+            buffers.packed.iter_mut().for_each(|byte| *byte = byte.reverse_bits());
+        }
         #[cfg(test)]
         self.decoded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         decode::block(layout, buffers, rows, &name)
@@ -176,6 +220,8 @@ impl Band {
             None => Sweep { columns: columns.clone(), blocks: BTreeMap::new(), last: 0..0, overlap: None },
         };
         let keep_from = sweep.advance(rows);
+        // What has been passed is of no more use, and a block may be as large as the raster.
+        sweeps.retain(|sweep| sweep.last.end >= rows.start);
         let kept = sweep.blocks.clone();
         if sweeps.len() == SWEEPS {
             sweeps.remove(0);

@@ -23,6 +23,13 @@ pub(super) struct Buffers {
     zstd: Option<DCtx<'static>>,
 }
 
+impl Buffers {
+    /// Bytes that they take.
+    pub(super) fn bytes(&self) -> usize {
+        self.packed.capacity() + self.bytes.capacity() + self.spare.capacity()
+    }
+}
+
 /// Makes a buffer that is overwritten as long as asked for; what it had is not cleared.
 pub(super) fn resize(buffer: &mut Vec<u8>, length: usize) -> Result<()> {
     let more = length.saturating_sub(buffer.len());
@@ -62,9 +69,6 @@ pub(super) fn block(
     let got = got.map_err(|problem| match problem {
         Problem::Damaged(got) => Error::format(name(), format!("{expected} bytes"), got),
         Problem::Other(error) => error,
-        Problem::OldLzw => {
-            Error::unsupported("LZW of before 1988 (bits reversed)", "convert it with gdal_translate")
-        }
     })?;
     if got < expected {
         return Err(Error::format(name(), format!("{expected} bytes"), format!("{got} bytes")));
@@ -79,7 +83,7 @@ pub(super) fn block(
             if layout.all_bands {
                 return Ok(());
             }
-            first_band(bytes, kind.bytes(), layout.bands as usize);
+            one_band(bytes, kind.bytes(), (layout.bands as usize, layout.place as usize));
         }
     }
     Ok(())
@@ -88,19 +92,18 @@ pub(super) fn block(
 /// Why a block cannot be decoded.
 enum Problem {
     Damaged(String),
-    OldLzw,
     Other(Error),
 }
 
 fn lzw(packed: &[u8], out: &mut [u8]) -> Result<usize, Problem> {
-    if let [0, second, ..] = packed
-        && second & 1 == 1
-    {
-        return Err(Problem::OldLzw);
-    }
-    let mut decoder = weezl::decode::Configuration::with_tiff_size_switch(weezl::BitOrder::Msb, 8)
-        .with_yield_on_full_buffer(true)
-        .build();
+    use weezl::BitOrder::{Lsb, Msb};
+    use weezl::decode::Configuration;
+    // A block begins with the code that clears the table, in 9 bits. Before 1988 codes were packed from the lowest bit
+    // up, and grew longer one code later, as in GIF; libtiff reads such files too.
+    let is_old = matches!(packed, [0, second, ..] if second & 1 == 1);
+    let configuration =
+        if is_old { Configuration::new(Lsb, 8) } else { Configuration::with_tiff_size_switch(Msb, 8) };
+    let mut decoder = configuration.with_yield_on_full_buffer(true).build();
     let (mut read, mut written) = (0, 0);
     while written < out.len() {
         let result = decoder.decode_bytes(&packed[read..], &mut out[written..]);
@@ -183,7 +186,7 @@ fn pack_bits(packed: &[u8], out: &mut [u8]) -> usize {
     written
 }
 
-/// One byte, 0 or 1, for each bit of the first band.
+/// One byte, 0 or 1, for each bit of the band.
 fn bits(bytes: &[u8], row_bytes: usize, layout: &Layout, rows: u32, out: &mut Vec<u8>) -> Result<()> {
     let (width, bands) = (layout.block_width as usize, layout.bands as usize);
     resize(out, width * rows as usize)?;
@@ -193,7 +196,7 @@ fn bits(bytes: &[u8], row_bytes: usize, layout: &Layout, rows: u32, out: &mut Ve
                 out.iter_mut().enumerate().for_each(|(at, bit)| *bit = byte >> (7 - at) & 1);
             }
         } else {
-            for (out, at) in out.iter_mut().zip((0..).step_by(bands)) {
+            for (out, at) in out.iter_mut().zip((layout.place as usize..).step_by(bands)) {
                 *out = row[at / 8] >> (7 - at % 8) & 1;
             }
         }
@@ -290,12 +293,13 @@ fn merge<const N: usize>(planes: &[u8], row: &mut [u8]) {
     }
 }
 
-/// Keeps the first of `bands` interleaved samples.
-fn first_band(bytes: &mut Vec<u8>, size: usize, bands: usize) {
+/// Keeps one of so many interleaved samples.
+fn one_band(bytes: &mut Vec<u8>, size: usize, (bands, band): (usize, usize)) {
     if bands > 1 {
         let count = bytes.len() / (size * bands);
-        for index in 1..count {
-            bytes.copy_within(index * size * bands..(index * bands + 1) * size, index * size);
+        for index in 0..count {
+            let from = (index * bands + band) * size;
+            bytes.copy_within(from..from + size, index * size);
         }
         bytes.truncate(count * size);
     }
@@ -357,9 +361,11 @@ mod tests {
     }
 
     #[test]
-    fn first_band_of_three() {
-        let mut bytes = (0..12).collect();
-        first_band(&mut bytes, 2, 3);
-        assert_eq!(bytes, [0, 1, 6, 7]);
+    fn each_band_of_three() {
+        for (band, expected) in [[0, 1, 6, 7], [2, 3, 8, 9], [4, 5, 10, 11]].into_iter().enumerate() {
+            let mut bytes = (0..12).collect();
+            one_band(&mut bytes, 2, (3, band));
+            assert_eq!(bytes, expected);
+        }
     }
 }

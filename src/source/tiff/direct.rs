@@ -15,7 +15,7 @@ use super::parts::{Number, Part};
 use crate::error::{Error, Result};
 
 /// Bytes of one read: long enough to make the call cheap, short enough for the fast caches and for several threads.
-const READ_BYTES: usize = 512 << 10;
+pub(super) const READ_BYTES: usize = 512 << 10;
 
 /// Rows that follow each other in the file; `None` where a sparse file has none.
 struct Run {
@@ -112,7 +112,7 @@ fn part<T: Number>(band: &Band, mut part: Part<'_, T>, fill: T) -> Result<()> {
     let together = if 2 * (wanted * pixel) as u64 > row_bytes { READ_BYTES as u64 / row_bytes } else { 1 };
     let together = usize::try_from(together).unwrap_or(usize::MAX).clamp(1, part.rows.len().max(1));
     let first = layout.offsets[part.block] + u64::from(part.top) * row_bytes;
-    let first = first + u64::from(part.left) * pixel as u64;
+    let first = first + u64::from(part.left) * pixel as u64 + u64::from(layout.place) * size_of::<T>() as u64;
     let read = |(index, rows): (usize, &mut [&mut [T]])| {
         let start = first + (index * together) as u64 * row_bytes;
         let name = || layout.block_name(part.block);
@@ -147,7 +147,7 @@ fn gather<T: Number>(
     let (size, stride) = (size_of::<T>(), layout.bands as usize * size_of::<T>());
     let between = layout.row_bytes() as usize;
     let length = rows.first().map_or(0, |row| (row.len() - 1) * stride + size);
-    band.with_buffers(|Buffers { packed, .. }| {
+    Band::with_buffers(|Buffers { packed, .. }| {
         decode::resize(packed, (rows.len() - 1) * between + length)?;
         band.file.read(packed, start, name)?;
         for (index, row) in rows.iter_mut().enumerate() {

@@ -1,142 +1,202 @@
-//! Headers, directories and tag values of a TIFF file, classic and big, of either byte order.
+//! Headers, directories and tag values of a TIFF file, classic and big, of either byte order, read by position.
 //!
-//! The `tiff` crate reads directories and values. Two of its habits are worked around here and nowhere else: its
-//! decoder insists on understanding the first image before it shows a single tag (so it could not even name a
-//! compression it lacks), and it allocates for a value before it knows that the file is long enough.
+//! What a directory means is libtiff's reading of it, which is GDAL's: of a tag that is there twice the first counts,
+//! a number may be stored in any type that holds it, and a chain of directories that is damaged behind the first ends
+//! where it is damaged. Nothing is allocated before the file is known to be long enough for it, and directories
+//! and values that overlap cannot multiply: what is read of all of them together is bounded by the length of the file.
 
 use std::collections::HashSet;
-use std::io::{Cursor, Read, Seek, SeekFrom};
 
-use tiff::decoder::{Decoder, Limits as TiffLimits};
-use tiff::tags::{ByteOrder, IfdPointer, Tag, Type, ValueBuffer};
-use tiff::{Directory, TiffError};
+use tiff::tags::{Tag, Type};
 
+use super::file::TiffFile;
 use crate::error::{Error, Result};
 use crate::limits::Limits;
+use crate::source::kind;
 
-/// More directories than this in one file are a sign of damage.
-const MAX_DIRECTORIES: usize = 4096;
+/// Most entries of all directories of a file together.
+const MAX_ENTRIES: u64 = 1 << 20;
+
+/// How often a value may be read: each is read once or twice, and no two share their bytes.
+const READ_AGAIN: u64 = 4;
+
+/// What to do about a file without its end.
+const CUT_OFF: &str = "(it is cut off, or damaged: get it again)";
 
 /// GDAL's XML with scale, offset and unit.
 pub(super) const GDAL_METADATA: Tag = Tag::Unknown(42112);
 
-/// What directories are read from.
-pub(super) trait Input: Read + Seek {}
-
-impl<T: Read + Seek> Input for T {}
-
 /// A TIFF file whose header has been read.
 pub(super) struct Reader<'a> {
-    decoder: Decoder<Box<dyn Input + 'a>>,
+    file: &'a TiffFile,
     first: u64,
-    file_bytes: u64,
     max_entries: u64,
+    /// Bytes of values that may still be read.
+    left: u64,
     /// True if the header says BigTIFF.
     pub(super) big: bool,
+    little: bool,
     /// True if numbers in the file are not in this machine's byte order.
     pub(super) swapped: bool,
 }
 
-/// A tag's values, in this machine's byte order.
+/// The tags of one image.
+#[derive(Debug)]
+pub(super) struct Directory {
+    entries: Vec<Entry>,
+}
+
+/// A tag and where its values are.
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    tag: u16,
+    kind: u16,
+    count: u64,
+    /// Where the first value is in the file; that of few bytes is in the entry itself.
+    at: u64,
+}
+
+/// Values of a tag, in the byte order of the file.
 struct Raw {
     kind: Type,
     bytes: Vec<u8>,
 }
 
+impl Directory {
+    /// True if it has a tag.
+    pub(super) fn contains(&self, tag: Tag) -> bool {
+        self.get(tag).is_some()
+    }
+
+    /// Of two tags the one that stands further back, or is there alone.
+    pub(super) fn later(&self, one: Tag, other: Tag) -> Tag {
+        let place = |tag: Tag| self.entries.iter().position(|entry| entry.tag == tag.to_u16());
+        if place(one) > place(other) { one } else { other }
+    }
+
+    fn get(&self, tag: Tag) -> Option<Entry> {
+        self.entries.iter().copied().find(|entry| entry.tag == tag.to_u16())
+    }
+}
+
 impl<'a> Reader<'a> {
     /// Reads the header. Anything that does not start like a TIFF is [`Error::Unsupported`]: it may be another format.
-    pub(super) fn new(mut file: impl Input + 'a, file_bytes: u64, limits: &Limits) -> Result<Self> {
-        let mut head = [0; 16];
-        let start = &mut head[..file_bytes.min(16) as usize];
-        file.read_exact(start)
-            .and_then(|()| file.seek(SeekFrom::Start(0)))
-            .map_err(|error| tiff_error("TIFF header".to_owned(), &error.into()))?;
-        let (order, big) = signature(start)?;
-        let header = if big { 16 } else { 8 };
-        if start.len() < header {
+    pub(super) fn new(file: &'a TiffFile, limits: &Limits) -> Result<Self> {
+        let mut head = [0; kind::LOOK];
+        let start = &mut head[..file.length().min(kind::LOOK as u64) as usize];
+        file.read(start, 0, &|| "TIFF header".to_owned())?;
+        let (little, big) = match start {
+            [b'I', b'I', b'*', 0, ..] => (true, false),
+            [b'M', b'M', 0, b'*', ..] => (false, false),
+            [b'I', b'I', b'+', 0, ..] => (true, true),
+            [b'M', b'M', 0, b'+', ..] => (false, true),
+            other => return Err(kind::refusal(other)),
+        };
+        let length = if big { 16 } else { 8 };
+        let Some(header) = start.get(..length) else {
             return Err(Error::format(
                 "TIFF header",
-                format!("{header} bytes"),
+                format!("{length} bytes"),
                 format!("{} bytes", start.len()),
             ));
-        }
-        let number = |at: usize, bytes: usize| {
-            let field = start.get(at..at + bytes).unwrap_or_default().iter();
-            let push = |value: u64, &byte: &u8| value << 8 | u64::from(byte);
-            if order == ByteOrder::BigEndian { field.fold(0, push) } else { field.rev().fold(0, push) }
         };
-        let first = if big { number(8, 8) } else { number(4, 4) };
-        // The decoder is made over a 1 x 1 image of the same kind and then given the file.
-        let stub: Box<dyn Input + 'a> = Box::new(Cursor::new(stub(order, big)));
-        let mut decoder = Decoder::new(stub)
-            .map_err(|error| Error::format("TIFF header", "one that the decoder accepts", error))?
-            .with_limits(TiffLimits::unlimited());
-        *decoder.inner() = Box::new(file);
+        if big && (number(&header[4..6], little), number(&header[6..8], little)) != (8, 0) {
+            return Err(Error::format(
+                "BigTIFF header",
+                "offsets of 8 bytes",
+                format!("{:?}", &header[4..8]),
+            ));
+        }
         Ok(Self {
-            decoder,
-            first,
-            file_bytes,
+            file,
+            first: number(if big { &header[8..16] } else { &header[4..8] }, little),
             max_entries: limits.tag_entries,
+            left: file.length().saturating_mul(READ_AGAIN).saturating_add(1 << 16),
             big,
-            swapped: order != ByteOrder::native(),
+            little,
+            swapped: little != cfg!(target_endian = "little"),
         })
     }
 
-    /// All directories of the main chain, first the full image.
+    /// Bytes of the file.
+    pub(super) fn file_bytes(&self) -> u64 {
+        self.file.length()
+    }
+
+    /// All directories of the main chain, first the full image: at least one.
     pub(super) fn directories(&mut self) -> Result<Vec<Directory>> {
-        let mut found = Vec::new();
-        let mut seen = HashSet::new();
-        let mut next = Some(IfdPointer(self.first));
-        while let Some(pointer) = next {
-            let place = || format!("TIFF directory {} at offset {}", found.len(), pointer.0);
-            if !seen.insert(pointer.0) {
-                return Err(Error::format(place(), "a directory not seen before", "a cycle"));
-            }
-            if found.len() == MAX_DIRECTORIES {
-                return Err(Error::limit(
-                    "the number of TIFF directories",
-                    found.len() as u64 + 1,
-                    found.len() as u64,
-                ));
-            }
-            if pointer.0 >= self.file_bytes {
-                return Err(Error::format(
-                    place(),
-                    format!("an offset in the {} bytes of the file", self.file_bytes),
-                    pointer.0,
-                ));
-            }
-            let directory =
-                self.decoder.read_directory(pointer).map_err(|error| tiff_error(place(), &error))?;
-            next = directory.next();
+        let (mut found, mut seen) = (Vec::new(), HashSet::new());
+        let (mut next, mut total) = (self.first, 0_u64);
+        while next != 0 && seen.insert(next) {
+            let place = || format!("TIFF directory {} at offset {next}", found.len());
+            let entries = self.entry_count(next)?.filter(|&entries| {
+                // Directories that lie over one another are damage too: they are not multiplied.
+                total += entries;
+                total * self.entry_bytes() <= self.file.length() && total <= MAX_ENTRIES
+            });
+            let Some(entries) = entries else {
+                if found.is_empty() {
+                    let got =
+                        format!("other bytes, or the end of the file at {} {CUT_OFF}", self.file.length());
+                    return Err(Error::format(place(), "a directory", got));
+                }
+                // Damage behind the first image: what was found counts, as in GDAL.
+                break;
+            };
+            let (directory, link) = self.directory(next, entries, &place)?;
             found.push(directory);
+            next = link;
+        }
+        if found.is_empty() {
+            return Err(Error::format("TIFF header", "the offset of an image", 0));
         }
         Ok(found)
     }
 
+    /// How many entries the directory at an offset has; `None` if it has none, or the file not all of them.
+    fn entry_count(&self, at: u64) -> Result<Option<u64>> {
+        let room = self.file.length().checked_sub(at);
+        let Some(room) = room.and_then(|room| room.checked_sub(self.count_bytes() as u64)) else {
+            return Ok(None);
+        };
+        let mut count = [0; 8];
+        let count = &mut count[..self.count_bytes()];
+        self.file.read(count, at, &|| "TIFF directory".to_owned())?;
+        Ok(Some(self.number(count)).filter(|&entries| entries > 0 && entries <= room / self.entry_bytes()))
+    }
+
+    /// The directory at an offset, of so many entries, and the offset of the next one.
+    fn directory(&self, at: u64, entries: u64, place: &dyn Fn() -> String) -> Result<(Directory, u64)> {
+        let first = at + self.count_bytes() as u64;
+        let (entry_bytes, word) = (self.entry_bytes(), self.word());
+        let all = entries * entry_bytes;
+        // A file may end before the link of its last directory.
+        let link = (self.file.length() - first - all).min(word as u64);
+        let mut bytes = vec![0; (all + link) as usize];
+        self.file.read(&mut bytes, first, place)?;
+        let (entry_list, link) = bytes.split_at(all as usize);
+        let entry = |(index, bytes): (usize, &[u8])| {
+            let field = 4 + word;
+            let (kind, count) = (self.number(&bytes[2..4]), self.number(&bytes[4..field]));
+            let kind = kind as u16;
+            let is_inside = count.saturating_mul(bytes_of(kind)) <= word as u64;
+            let inside = first + index as u64 * entry_bytes + field as u64;
+            let at = if is_inside { inside } else { self.number(&bytes[field..]) };
+            Entry { tag: self.number(&bytes[..2]) as u16, kind, count, at }
+        };
+        let entries = entry_list.chunks_exact(entry_bytes as usize).enumerate().map(entry).collect();
+        let next = if link.len() == word { self.number(link) } else { 0 };
+        Ok((Directory { entries }, next))
+    }
+
     /// All values of an unsigned integer tag.
     pub(super) fn integers(&mut self, directory: &Directory, tag: Tag) -> Result<Option<Vec<u64>>> {
-        let Some(raw) = self.raw(directory, tag)? else { return Ok(None) };
-        let bytes = &raw.bytes;
-        let values = match raw.kind {
-            Type::BYTE | Type::UNDEFINED => bytes.iter().map(|&byte| u64::from(byte)).collect(),
-            Type::SHORT => each(bytes, |b| u64::from(u16::from_ne_bytes(b))),
-            Type::LONG | Type::IFD => each(bytes, |b| u64::from(u32::from_ne_bytes(b))),
-            Type::LONG8 | Type::IFD8 => each(bytes, u64::from_ne_bytes),
-            kind => {
-                return Err(Error::format(
-                    place(tag),
-                    "unsigned integers",
-                    format!("values of type {kind:?}"),
-                ));
-            }
-        };
-        Ok(Some(values))
+        self.some_integers(directory, tag, u64::MAX)
     }
 
     /// The first value of an unsigned integer tag.
     pub(super) fn integer(&mut self, directory: &Directory, tag: Tag) -> Result<Option<u64>> {
-        Ok(self.integers(directory, tag)?.and_then(|values| values.first().copied()))
+        Ok(self.some_integers(directory, tag, 1)?.and_then(|values| values.first().copied()))
     }
 
     /// An integer that must be there and fit 32 bits.
@@ -146,21 +206,60 @@ impl<'a> Reader<'a> {
         u32::try_from(value).map_err(|_| Error::limit(place(tag), value, u64::from(u32::MAX)))
     }
 
-    /// All values of a floating-point tag.
-    pub(super) fn doubles(&mut self, directory: &Directory, tag: Tag) -> Result<Option<Vec<f64>>> {
-        let Some(raw) = self.raw(directory, tag)? else { return Ok(None) };
-        match raw.kind {
-            Type::DOUBLE => Ok(Some(each(&raw.bytes, f64::from_ne_bytes))),
-            Type::FLOAT => Ok(Some(each(&raw.bytes, |b| f64::from(f32::from_ne_bytes(b))))),
-            kind => {
-                Err(Error::format(place(tag), "floating-point numbers", format!("values of type {kind:?}")))
+    fn some_integers(&mut self, directory: &Directory, tag: Tag, most: u64) -> Result<Option<Vec<u64>>> {
+        let Some(Raw { kind, bytes }) = self.raw(directory, tag, most)? else { return Ok(None) };
+        let values = bytes.chunks_exact(bytes_of(kind as u16) as usize).map(|bytes| self.number(bytes));
+        let negative = |value: i64| Error::format(place(tag), "no number below 0", value);
+        let signed = |value: i64| u64::try_from(value).map_err(|_| negative(value));
+        match kind {
+            Type::BYTE
+            | Type::UNDEFINED
+            | Type::SHORT
+            | Type::LONG
+            | Type::IFD
+            | Type::LONG8
+            | Type::IFD8 => Ok(Some(values.collect())),
+            Type::SBYTE => values.map(|value| signed((value as i8).into())).collect::<Result<_>>().map(Some),
+            Type::SSHORT => {
+                values.map(|value| signed((value as i16).into())).collect::<Result<_>>().map(Some)
             }
+            Type::SLONG => values.map(|value| signed((value as i32).into())).collect::<Result<_>>().map(Some),
+            Type::SLONG8 => values.map(|value| signed(value as i64)).collect::<Result<_>>().map(Some),
+            kind => Err(Error::format(place(tag), "integers", format!("values of type {kind:?}"))),
         }
+    }
+
+    /// All values of a tag of numbers, of whatever type.
+    pub(super) fn doubles(&mut self, directory: &Directory, tag: Tag) -> Result<Option<Vec<f64>>> {
+        let Some(Raw { kind, bytes }) = self.raw(directory, tag, u64::MAX)? else { return Ok(None) };
+        let fraction = |above: f64, below: f64| if below == 0.0 { 0.0 } else { above / below };
+        let value = |bytes: &[u8]| {
+            let value = self.number(bytes);
+            let half = |at: usize| self.number(&bytes[at..at + 4]);
+            match kind {
+                Type::FLOAT => f32::from_bits(value as u32).into(),
+                Type::DOUBLE => f64::from_bits(value),
+                Type::RATIONAL => fraction(half(0) as f64, half(4) as f64),
+                Type::SRATIONAL => fraction((half(0) as i32).into(), (half(4) as i32).into()),
+                Type::SBYTE => (value as i8).into(),
+                Type::SSHORT => (value as i16).into(),
+                Type::SLONG => (value as i32).into(),
+                Type::SLONG8 => value as i64 as f64,
+                _ => value as f64,
+            }
+        };
+        if kind == Type::ASCII {
+            return Err(Error::format(place(tag), "numbers", "a text"));
+        }
+        Ok(Some(bytes.chunks_exact(bytes_of(kind as u16) as usize).map(value).collect()))
     }
 
     /// A text up to its first NUL. Bytes that are not UTF-8 become `?` one by one, so that offsets into it stay right.
     pub(super) fn text(&mut self, directory: &Directory, tag: Tag) -> Result<Option<String>> {
-        let Some(Raw { mut bytes, .. }) = self.raw(directory, tag)? else { return Ok(None) };
+        let Some(Raw { kind, mut bytes }) = self.raw(directory, tag, u64::MAX)? else { return Ok(None) };
+        if bytes_of(kind as u16) != 1 {
+            return Err(Error::format(place(tag), "a text", format!("values of type {kind:?}")));
+        }
         bytes.truncate(bytes.iter().position(|&byte| byte == 0).unwrap_or(bytes.len()));
         let mut text = String::new();
         for chunk in bytes.utf8_chunks() {
@@ -170,23 +269,49 @@ impl<'a> Reader<'a> {
         Ok(Some(text))
     }
 
-    fn raw(&mut self, directory: &Directory, tag: Tag) -> Result<Option<Raw>> {
-        let Some(entry) = directory.get(tag) else { return Ok(None) };
-        let (kind, count) = (entry.field_type(), entry.count());
+    /// The first values of a tag, `most` of them unless there are fewer.
+    fn raw(&mut self, directory: &Directory, tag: Tag, most: u64) -> Result<Option<Raw>> {
+        let Some(Entry { kind, count, at, .. }) = directory.get(tag) else { return Ok(None) };
+        let known = Type::from_u16(kind);
+        let kind = known.ok_or_else(|| Error::format(place(tag), "a type of TIFF's", kind))?;
+        let count = count.min(most);
         if count > self.max_entries {
             return Err(Error::limit(format!("the count of {}", place(tag)), count, self.max_entries));
         }
-        if count.saturating_mul(bytes_of(kind)) > self.file_bytes.max(8) {
-            let expected = format!("no more values than fit the {} bytes of the file", self.file_bytes);
-            return Err(Error::format(place(tag), expected, count));
+        let bytes = count * bytes_of(kind as u16);
+        let length = self.file.length();
+        if at.checked_add(bytes).is_none_or(|end| end > length) {
+            let expected = format!("{bytes} bytes at offset {at}");
+            let got = format!("the end of the file at {length} {CUT_OFF}");
+            return Err(Error::format(place(tag), expected, got));
         }
-        let mut buffer = ValueBuffer::empty(Type::BYTE);
-        self.decoder
-            .read_directory_tags(directory)
-            .find_tag_buf(tag, &mut buffer)
-            .map_err(|error| tiff_error(place(tag), &error))?;
-        buffer.set_byte_order(ByteOrder::native());
-        Ok(Some(Raw { kind, bytes: buffer.as_bytes().to_vec() }))
+        self.left = self.left.checked_sub(bytes).ok_or_else(|| {
+            Error::format(place(tag), "values beside each other in the file", "values that overlap")
+        })?;
+        let mut values = Vec::new();
+        let room = values.try_reserve_exact(bytes as usize);
+        room.map_err(|_| Error::usage(format!("not enough memory for {bytes} bytes of {}", place(tag))))?;
+        values.resize(bytes as usize, 0);
+        self.file.read(&mut values, at, &|| place(tag))?;
+        Ok(Some(Raw { kind, bytes: values }))
+    }
+
+    fn number(&self, bytes: &[u8]) -> u64 {
+        number(bytes, self.little)
+    }
+
+    /// Bytes of the count of a directory's entries.
+    fn count_bytes(&self) -> usize {
+        if self.big { 8 } else { 2 }
+    }
+
+    /// Bytes of an offset, and of a value that is in its entry.
+    fn word(&self) -> usize {
+        if self.big { 8 } else { 4 }
+    }
+
+    fn entry_bytes(&self) -> u64 {
+        4 + 2 * self.word() as u64
     }
 }
 
@@ -198,100 +323,87 @@ pub(super) fn place(tag: Tag) -> String {
     }
 }
 
-/// Byte order, and whether it is a BigTIFF.
-fn signature(file: &[u8]) -> Result<(ByteOrder, bool)> {
-    let start = file.get(..4).unwrap_or(file);
-    match start {
-        b"II*\0" => Ok((ByteOrder::LittleEndian, false)),
-        b"MM\0*" => Ok((ByteOrder::BigEndian, false)),
-        b"II+\0" => Ok((ByteOrder::LittleEndian, true)),
-        b"MM\0+" => Ok((ByteOrder::BigEndian, true)),
-        [] => Err(Error::format("TIFF header", "8 bytes", "an empty file")),
-        _ => Err(Error::unsupported(
-            format!("not a TIFF (it starts with {})", start.escape_ascii()),
-            crate::source::open::NEEDS_GDAL,
-        )),
+/// An unsigned number of 1, 2, 4 or 8 bytes.
+fn number(bytes: &[u8], little: bool) -> u64 {
+    match *bytes {
+        [byte] => byte.into(),
+        [a, b] if little => u16::from_le_bytes([a, b]).into(),
+        [a, b] => u16::from_be_bytes([a, b]).into(),
+        [a, b, c, d] if little => u32::from_le_bytes([a, b, c, d]).into(),
+        [a, b, c, d] => u32::from_be_bytes([a, b, c, d]).into(),
+        [a, b, c, d, e, f, g, h] if little => u64::from_le_bytes([a, b, c, d, e, f, g, h]),
+        [a, b, c, d, e, f, g, h] => u64::from_be_bytes([a, b, c, d, e, f, g, h]),
+        _ => 0,
     }
 }
 
-/// A TIFF of one pixel.
-fn stub(order: ByteOrder, big: bool) -> &'static [u8] {
-    match (order, big) {
-        (ByteOrder::LittleEndian, false) => {
-            b"II*\0\x08\0\0\0\x05\0\
-            \0\x01\x03\0\x01\0\0\0\x01\0\0\0\x01\x01\x03\0\x01\0\0\0\x01\0\0\0\x06\x01\x03\0\x01\0\0\0\x01\0\0\0\
-            \x11\x01\x04\0\x01\0\0\0\0\0\0\0\x17\x01\x04\0\x01\0\0\0\x01\0\0\0\0\0\0\0"
-        }
-        (ByteOrder::BigEndian, false) => {
-            b"MM\0*\0\0\0\x08\0\x05\
-            \x01\0\0\x03\0\0\0\x01\0\x01\0\0\x01\x01\0\x03\0\0\0\x01\0\x01\0\0\x01\x06\0\x03\0\0\0\x01\0\x01\0\0\
-            \x01\x11\0\x04\0\0\0\x01\0\0\0\0\x01\x17\0\x04\0\0\0\x01\0\0\0\x01\0\0\0\0"
-        }
-        (ByteOrder::LittleEndian, true) => {
-            b"II+\0\x08\0\0\0\x10\0\0\0\0\0\0\0\x05\0\0\0\0\0\0\0\
-            \0\x01\x03\0\x01\0\0\0\0\0\0\0\x01\0\0\0\0\0\0\0\x01\x01\x03\0\x01\0\0\0\0\0\0\0\x01\0\0\0\0\0\0\0\
-            \x06\x01\x03\0\x01\0\0\0\0\0\0\0\x01\0\0\0\0\0\0\0\x11\x01\x04\0\x01\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\
-            \x17\x01\x04\0\x01\0\0\0\0\0\0\0\x01\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0"
-        }
-        (ByteOrder::BigEndian, true) => {
-            b"MM\0+\0\x08\0\0\0\0\0\0\0\0\0\x10\0\0\0\0\0\0\0\x05\
-            \x01\0\0\x03\0\0\0\0\0\0\0\x01\0\x01\0\0\0\0\0\0\x01\x01\0\x03\0\0\0\0\0\0\0\x01\0\x01\0\0\0\0\0\0\
-            \x01\x06\0\x03\0\0\0\0\0\0\0\x01\0\x01\0\0\0\0\0\0\x01\x11\0\x04\0\0\0\0\0\0\0\x01\0\0\0\0\0\0\0\0\
-            \x01\x17\0\x04\0\0\0\0\0\0\0\x01\0\0\0\x01\0\0\0\0\0\0\0\0\0\0\0\0"
-        }
-    }
-}
-
-fn bytes_of(kind: Type) -> u64 {
-    match kind {
-        Type::SHORT | Type::SSHORT => 2,
-        Type::LONG | Type::SLONG | Type::FLOAT | Type::IFD => 4,
-        Type::RATIONAL | Type::SRATIONAL | Type::DOUBLE | Type::LONG8 | Type::SLONG8 | Type::IFD8 => 8,
+/// Bytes of a value; 1 for types that TIFF does not know.
+fn bytes_of(kind: u16) -> u64 {
+    match Type::from_u16(kind) {
+        Some(Type::SHORT | Type::SSHORT) => 2,
+        Some(Type::LONG | Type::SLONG | Type::FLOAT | Type::IFD) => 4,
+        Some(Type::RATIONAL | Type::SRATIONAL | Type::DOUBLE | Type::LONG8 | Type::SLONG8 | Type::IFD8) => 8,
         _ => 1,
     }
-}
-
-fn each<const N: usize, T>(bytes: &[u8], read: impl Fn([u8; N]) -> T) -> Vec<T> {
-    bytes.as_chunks::<N>().0.iter().map(|&chunk| read(chunk)).collect()
-}
-
-fn tiff_error(place: String, error: &TiffError) -> Error {
-    let got = match error {
-        TiffError::IoError(io) if io.kind() == std::io::ErrorKind::UnexpectedEof => {
-            "the end of the file".to_owned()
-        }
-        TiffError::IoError(io) => {
-            let source =
-                io.raw_os_error().map_or_else(|| io.kind().into(), std::io::Error::from_raw_os_error);
-            return Error::io("", format!("read {place}"), source);
-        }
-        other => other.to_string(),
-    };
-    Error::format(place, "a readable value", got)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn every_stub_is_a_tiff_that_the_decoder_accepts() {
-        for order in [ByteOrder::LittleEndian, ByteOrder::BigEndian] {
-            for big in [false, true] {
-                let read = |file: &[u8]| {
-                    let length = file.len() as u64;
-                    Reader::new(Cursor::new(file.to_vec()), length, &Limits::default())
-                };
-                let mut file = stub(order, big).to_vec();
-                let mut reader = read(&file).expect("stub");
-                let directories = reader.directories().expect("directory");
-                assert_eq!(directories.len(), 1);
-                assert_eq!(reader.required(&directories[0], Tag::ImageWidth).expect("width"), 1);
-                let at = file.len() - if big { 8 } else { 4 };
-                let tail = file.split_off(at);
-                assert!(read(&file).expect("header").directories().is_err());
-                drop(tail);
-            }
+    fn read(bytes: &[u8]) -> Result<(usize, usize)> {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("a.tif");
+        std::fs::write(&path, bytes).expect("write");
+        let limits = Limits::default();
+        let file = TiffFile::open(&path, &limits)?;
+        let mut reader = Reader::new(&file, &limits)?;
+        let directories = reader.directories()?;
+        for directory in &directories {
+            reader.integers(directory, Tag::StripOffsets)?;
         }
+        Ok((directories.len(), directories.iter().map(|directory| directory.entries.len()).sum()))
+    }
+
+    /// Directories of 200 entries, `stride` bytes from one to the next, whose offsets of strips are all the same values.
+    fn chain(count: u32, stride: usize, values: u32) -> Vec<u8> {
+        let mut file = b"II*\0\x08\0\0\0".to_vec();
+        let (entries, links) = (200 * 12, 8 + 2 + 200 * 12);
+        file.resize(links + 4 + count as usize * stride, 0);
+        let strips = [&[0x11, 1, 4, 0][..], &values.to_le_bytes(), &8_u32.to_le_bytes()].concat();
+        for at in (0..count as usize).map(|n| n * stride) {
+            file[8 + at..10 + at].copy_from_slice(&200_u16.to_le_bytes());
+            if stride > entries {
+                file[10 + at..22 + at].copy_from_slice(&strips);
+            }
+            let next = (8 + at + stride) as u32;
+            file[links + at..links + at + 4].copy_from_slice(&next.to_le_bytes());
+        }
+        file
+    }
+
+    #[test]
+    fn directories_and_values_that_overlap_are_not_multiplied() {
+        // Beside each other all are read; they end where the next one would be cut off.
+        assert_eq!(read(&chain(50, 2500, 3)).expect("directories"), (50, 50 * 200));
+        // Over one another as many as the file has room for.
+        let file = chain(5000, 4, 3);
+        let (_, entries) = read(&file).expect("directories");
+        assert!(entries * 12 <= file.len() && entries > 0, "{entries}");
+        // All of them name nearly all of the file.
+        let file = chain(50, 2500, 30_000);
+        let message = read(&file).expect_err("values that overlap").to_string();
+        assert!(message.contains("overlap"), "{message}");
+    }
+
+    #[test]
+    fn a_first_directory_that_is_none_is_refused() {
+        for bytes in
+            [&b"II*\0\x08\0\0\0\0\0"[..], b"II*\0\x08\0\0\0\x01\0", b"II*\0\0\0\0\0", b"II*\0\xFF\0\0\0"]
+        {
+            assert!(matches!(read(bytes), Err(Error::Format { .. })), "{bytes:?}");
+        }
+        let big = b"II+\0\x07\0\0\0\x10\0\0\0\0\0\0\0";
+        assert!(read(big).expect_err("offsets of 7 bytes").to_string().contains("8 bytes"));
     }
 }

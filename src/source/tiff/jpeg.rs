@@ -10,6 +10,7 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::layout::Layout;
 use crate::error::{Error, Result};
+use crate::source::open::NEEDS_GDAL;
 
 /// Decodes a block of `rows` rows into `out`, which is as wide as the block; the bytes that there are. `name` says which block it is.
 pub(super) fn decode(
@@ -101,8 +102,5 @@ fn check(stream: &[u8], bands: usize, name: &dyn Fn() -> String) -> Result<()> {
 }
 
 fn refused(what: String) -> Error {
-    Error::unsupported(
-        what,
-        "build with --features gdal, or convert it with gdal_translate -co COMPRESS=DEFLATE",
-    )
+    Error::unsupported(what, format!("{NEEDS_GDAL}, or convert it with gdal_translate -co COMPRESS=DEFLATE"))
 }

@@ -3,15 +3,15 @@
 //! Everything is checked here against [`Limits`] and against itself, so that later steps only meet numbers that make
 //! sense. What the file needs and this reader lacks is refused by its name. No sample is touched here.
 
+mod places;
 mod tags;
 
 use std::ops::Range;
 
-use tiff::Directory;
 use tiff::tags::Tag;
 
-use self::tags::{block_side, compression, jpeg, predictor, rows_per_strip, side, stored, unsupported};
-use super::directory::{Reader, place};
+use self::tags::{block_side, compression, jpeg, predictor, rows_per_strip, side, stored};
+use super::directory::{Directory, Reader, place};
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
@@ -37,8 +37,8 @@ pub(super) enum Compression {
 /// What an image is read for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
-    /// Its first band: heights, a mask.
-    FirstBand,
+    /// One of its bands, from 0: heights, a mask.
+    Band(u32),
     /// All of its bands.
     Picture,
 }
@@ -64,6 +64,7 @@ pub(super) enum Stored {
 
 /// Geometry and encoding of one band.
 #[derive(Debug)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a tag of its own")]
 pub(super) struct Layout {
     pub(super) width: u32,
     pub(super) height: u32,
@@ -75,16 +76,22 @@ pub(super) struct Layout {
     pub(super) down: u32,
     pub(super) tiled: bool,
     pub(super) stored: Stored,
-    /// Samples of different bands beside each other in a block; this band is the first of them.
+    /// Samples of different bands beside each other in a block.
     pub(super) bands: u32,
-    /// True if a decoded block keeps all of them, not the first one only.
+    /// Which of them is this band, from 0.
+    pub(super) place: u32,
+    /// This band of the file, from 0.
+    pub(super) band: u32,
+    /// True if a decoded block keeps all of them, not this one only.
     pub(super) all_bands: bool,
-    /// Bands of the file; the first is the elevation.
+    /// Bands of the file.
     pub(super) band_count: u32,
     pub(super) compression: Compression,
     pub(super) predictor: Predictor,
     /// True if numbers must be turned to this machine's byte order.
     pub(super) swapped: bool,
+    /// True if the bits of each byte in the file stand from the lowest to the highest.
+    pub(super) reversed: bool,
     /// What JPEG blocks have in common (tag 347), and whether they are YCbCr.
     pub(super) jpeg: (Vec<u8>, bool),
     /// Offsets of the blocks, row by row; of a picture whose bands lie apart, band by band.
@@ -103,7 +110,7 @@ impl Stored {
 }
 
 impl Layout {
-    /// The first band of an image, or all.
+    /// A band of an image, or all.
     pub(super) fn read(
         reader: &mut Reader<'_>,
         directory: &Directory,
@@ -113,22 +120,19 @@ impl Layout {
         let width = side(reader, directory, Tag::ImageWidth, limits)?;
         let height = side(reader, directory, Tag::ImageLength, limits)?;
         let compression = compression(reader, directory, purpose)?;
-        if reader.integer(directory, Tag::FillOrder)? == Some(2) {
-            return Err(unsupported("bits stored from the lowest to the highest (FillOrder 2)"));
-        }
         let stored = stored(reader, directory)?;
         let predictor = predictor(reader, directory, compression, stored)?;
-        let samples = reader.integer(directory, Tag::SamplesPerPixel)?.unwrap_or(1);
-        let samples = u16::try_from(samples)
-            .ok()
-            .filter(|&samples| samples > 0)
-            .ok_or_else(|| Error::format(place(Tag::SamplesPerPixel), "1 to 65535", samples))?;
+        let samples = samples_per_pixel(reader, directory)?;
+        let band = if let Purpose::Band(band) = purpose { band } else { 0 };
+        if band >= samples {
+            return Err(no_band(band, samples));
+        }
         let planar = match reader.integer(directory, Tag::PlanarConfiguration)?.unwrap_or(1) {
             1 => false,
             2 => true,
             other => return Err(Error::format(place(Tag::PlanarConfiguration), "1 or 2", other)),
         };
-        let tiled = directory.contains(Tag::TileOffsets) || directory.contains(Tag::TileWidth);
+        let tiled = directory.contains(Tag::TileWidth) || directory.contains(Tag::TileLength);
         let (block_width, block_height) = if tiled {
             (block_side(reader, directory, Tag::TileWidth)?, block_side(reader, directory, Tag::TileLength)?)
         } else {
@@ -143,12 +147,17 @@ impl Layout {
             down: height.div_ceil(block_height),
             tiled,
             stored,
-            bands: if planar { 1 } else { u32::from(samples) },
+            bands: if planar { 1 } else { samples },
+            place: if planar { 0 } else { band },
+            band,
             all_bands: purpose == Purpose::Picture,
-            band_count: u32::from(samples),
+            band_count: samples,
             compression,
             predictor,
             swapped: reader.swapped,
+            // A JPEG knows no other order.
+            reversed: compression != Compression::Jpeg
+                && reader.integer(directory, Tag::FillOrder)? == Some(2),
             jpeg: if compression == Compression::Jpeg {
                 jpeg(reader, directory)?
             } else {
@@ -217,7 +226,7 @@ impl Layout {
 
     /// True if samples can be taken from the file as they stand.
     pub(super) fn is_direct(&self) -> bool {
-        self.compression == Compression::None && self.stored != Stored::Bit
+        self.compression == Compression::None && self.stored != Stored::Bit && !self.reversed
     }
 
     /// Where the blocks lie that a window needs, if little else lies there that it does not; `None` of an empty window.
@@ -272,7 +281,7 @@ impl Layout {
         let band = match self.band_count {
             1 => String::new(),
             count if self.all_bands => format!(", {count} bands"),
-            count => format!(", band 1 of {count}"),
+            count => format!(", band {} of {count}", self.band + 1),
         };
         format!("{blocks}, {packed}{predictor}{band}")
     }
@@ -295,37 +304,20 @@ impl Layout {
         }
         Ok(())
     }
+}
 
-    fn read_blocks(&mut self, reader: &mut Reader<'_>, directory: &Directory) -> Result<()> {
-        let (offsets, counts) = if self.tiled {
-            (Tag::TileOffsets, Tag::TileByteCounts)
-        } else {
-            (Tag::StripOffsets, Tag::StripByteCounts)
-        };
-        let blocks = u64::from(self.across) * u64::from(self.down) * u64::from(self.planes());
-        let whole = |tag: Tag, mut values: Vec<u64>| {
-            if (values.len() as u64) < blocks {
-                return Err(Error::format(place(tag), format!("{blocks} blocks"), values.len()));
-            }
-            // Band 1 is the first of the planes.
-            values.truncate(blocks as usize);
-            Ok(values)
-        };
-        let missing = |tag| Error::format(place(tag), format!("{blocks} blocks"), "no such tag");
-        self.offsets = whole(offsets, reader.integers(directory, offsets)?.ok_or_else(|| missing(offsets))?)?;
-        self.counts = match reader.integers(directory, counts)? {
-            Some(values) => whole(counts, values)?,
-            // Some old writers leave the counts of uncompressed strips to the reader.
-            None if self.compression == Compression::None => (0..blocks)
-                .map(|index| {
-                    let row = (index / u64::from(self.across) % u64::from(self.down)) as u32;
-                    self.row_bytes().saturating_mul(u64::from(self.coded_rows(row)))
-                })
-                .collect(),
-            None => return Err(missing(counts)),
-        };
-        Ok(())
-    }
+/// How many bands there are.
+fn samples_per_pixel(reader: &mut Reader<'_>, directory: &Directory) -> Result<u32> {
+    let samples = reader.integer(directory, Tag::SamplesPerPixel)?.unwrap_or(1);
+    let known = u16::try_from(samples).ok().filter(|&samples| samples > 0).map(u32::from);
+    known.ok_or_else(|| Error::format(place(Tag::SamplesPerPixel), "1 to 65535", samples))
+}
+
+/// The refusal of a band, from 0, that a file has not got.
+pub(in crate::source) fn no_band(band: u32, bands: u32) -> Error {
+    let has =
+        if bands == 1 { "band 1, the only one".to_owned() } else { format!("one of bands 1 to {bands}") };
+    Error::format("bands", has, format!("a request for band {}", band.wrapping_add(1)))
 }
 
 #[cfg(test)]
@@ -349,11 +341,14 @@ pub(super) mod tests {
             tiled: true,
             stored: Stored::Number(SampleType::Uint32),
             bands: 1,
+            place: 0,
+            band: 0,
             all_bands: false,
             band_count: 1,
             compression: Compression::None,
             predictor: Predictor::None,
             swapped: false,
+            reversed: false,
             jpeg: (Vec::new(), false),
             offsets: Vec::new(),
             counts: Vec::new(),

@@ -1,28 +1,32 @@
 //! GDAL's virtual rasters, natively: files side by side or on top of one another, sample for sample.
 //!
-//! Read are band 1 with simple and complex sources that are not resampled, their nodata, ratio and offset, and VRTs
-//! within VRTs. Whatever else a VRT can be is [`Error::Unsupported`], and left to GDAL where it is built in.
+//! Read is a band with simple and complex sources that are not resampled, their nodata, ratio and offset, and VRTs
+//! within VRTs. Whatever else a VRT can be is [`Error::Unsupported`], and left to GDAL where it is built in: an element
+//! or attribute that is not known is refused by its name. What lies on a network is refused even then, see `remote`.
 //!
 //! Samples are GDAL's wherever GDAL has a valid one, but for places that no source has, which are void here and 0 to
 //! GDAL if the band has no nodata value. What is void is what the VRT says: `NODATA` of a complex source and
 //! `NoDataValue` of the band, not the nodata value that a file has for itself; what a file masks out is void as well.
 //! A void never hides a valid sample of an earlier source, as it does in GDAL where it comes from a simple source.
 
+mod known;
+mod remote;
 mod srs;
 mod xml;
 
 use std::collections::BTreeSet;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-pub(super) use self::srs::of_code;
+#[cfg(feature = "gdal")]
+pub(super) use self::remote::check as check_remote;
 use self::xml::{Vrt, VrtSource, unsupported};
 use super::mosaic::{self, Assembly, Member, Mosaic, Piece, Rule, Scaled};
 use super::open::Nest;
-use super::{Overlap, Rect, SourceInfo, metadata};
+use super::{Nodata, Origin, Origins, Overlap, Rect, SourceInfo, file_name, gzip, metadata, warn};
 use crate::error::{Error, Result};
 use crate::geo::Geo;
+use crate::limits::Limits;
 use crate::sample::SampleType;
 
 /// VRTs within VRTs, at most.
@@ -37,26 +41,32 @@ pub(super) fn open(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Mosa
 
 fn open_inner(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Mosaic> {
     if nest.depth == DEPTH {
-        let got = "one more (does it contain itself?)";
-        return Err(Error::format("VRT", format!("at most {DEPTH} within one another"), got));
+        return Err(too_deep());
     }
-    let text = text(path, nest)?;
-    let mut vrt = xml::read(&text, path, nest.limits)?;
+    let text = text(path, nest.limits)?;
+    let mut vrt = xml::read(&text, path, nest.band, nest.limits)?;
     let sources = std::mem::take(&mut vrt.sources);
     let mut pieces: Vec<(Piece, VrtSource)> = Vec::with_capacity(sources.len());
     let inner = Nest { depth: nest.depth + 1, ..*nest };
     for mut source in sources {
         nest.count()?;
-        source.nodata = nodata.or(source.nodata);
-        pieces.push((super::open::piece(&source.path, nodata, &inner)?, source));
+        // A VRT has chosen the bands of its files.
+        let inner = Nest { band: Some(source.band), ..inner };
+        let piece = super::open::piece(&source.path, nodata, &inner)?;
+        // Where there is a mask it alone counts; to a file without one its nodata value is the mask.
+        let own = if vrt.masked { piece.info.nodata } else { source.nodata };
+        source.nodata = nodata.or(own);
+        pieces.push((piece, source));
         let (piece, first) = (&pieces[pieces.len() - 1].0, &pieces[0].0);
         mosaic::same_crs((&first.path, &first.info), (&piece.path, &piece.info))?;
     }
+    let hidden = vrt.nodata.filter(|_| vrt.masked);
     vrt.nodata = nodata
-        .or(vrt.nodata)
+        .or(vrt.nodata.filter(|_| !vrt.masked))
         .map(|value| metadata::rounded(value, vrt.sample_type))
         .filter(|value| !value.is_nan());
-    let mut info = describe(&vrt, &pieces)?;
+    let mut info = describe(path, &vrt, &pieces)?;
+    info.warnings.extend(hidden.map(|value| warn::mask_and_nodata(path, value)));
     let mut members = Vec::with_capacity(pieces.len());
     for (piece, source) in pieces {
         members.extend(member(piece, &source, &vrt)?);
@@ -64,33 +74,39 @@ fn open_inner(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Mosaic> {
     let nodata_of_all = info.nodata.is_some();
     if !nodata_of_all && members.iter().all(|member| member.scaled.is_none()) {
         let all: Vec<Option<f64>> = members.iter().map(|member| member.nodata).collect();
-        info.nodata = mosaic::common_nodata(&all);
+        let kinds = || members.iter().map(|member| member.sample_type);
+        let alike = |value: &f64| kinds().all(|kind| Nodata::is_alike(Some(*value), kind, info.sample_type));
+        info.nodata = mosaic::common_nodata(&all).filter(alike);
     }
     let overlap = Overlap::Last;
     Ok(Mosaic::assemble(Assembly { info, members, overlap, nodata_of_all, beside: vec![path.to_owned()] }))
 }
 
+/// True if a file that begins with these bytes is a VRT.
+pub(super) fn is_vrt(start: &[u8]) -> bool {
+    let text = start.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(start).trim_ascii_start();
+    text.first() == Some(&b'<') && text.windows(11).any(|word| word == b"<VRTDataset")
+}
+
+fn too_deep() -> Error {
+    let got = "one more (does it contain itself?)";
+    Error::format("VRT", format!("at most {DEPTH} within one another"), got)
+}
+
 /// All of a file that is not too long.
-fn text(path: &Path, nest: &Nest) -> Result<String> {
-    let read = || {
-        let file = File::open(path)?;
-        let mut bytes = Vec::new();
-        file.take(nest.limits.vrt_bytes + 1).read_to_end(&mut bytes)?;
-        Ok(bytes)
-    };
-    let bytes = read().map_err(|error| Error::io(path, "read", error))?;
-    if bytes.len() as u64 > nest.limits.vrt_bytes {
-        return Err(Error::limit(
-            "the length of the VRT in bytes",
-            bytes.len() as u64,
-            nest.limits.vrt_bytes,
-        ));
+fn text(path: &Path, limits: &Limits) -> Result<String> {
+    let mut bytes = Vec::new();
+    let from = gzip::stream(path)?.0;
+    let read = from.take(limits.vrt_bytes + 1).read_to_end(&mut bytes);
+    read.map_err(|error| gzip::read_error(path, error))?;
+    if bytes.len() as u64 > limits.vrt_bytes {
+        return Err(Error::limit("the length of the VRT in bytes", bytes.len() as u64, limits.vrt_bytes));
     }
     String::from_utf8(bytes).map_err(|error| Error::format("XML", "UTF-8", error))
 }
 
 /// What the VRT is; of its sources what it does not say itself.
-fn describe(vrt: &Vrt, pieces: &[(Piece, VrtSource)]) -> Result<SourceInfo> {
+fn describe(path: &Path, vrt: &Vrt, pieces: &[(Piece, VrtSource)]) -> Result<SourceInfo> {
     let infos = || pieces.iter().map(|(piece, _)| &piece.info);
     let mut seen = BTreeSet::new();
     let distinct: Vec<&SourceInfo> =
@@ -101,6 +117,7 @@ fn describe(vrt: &Vrt, pieces: &[(Piece, VrtSource)]) -> Result<SourceInfo> {
         (None, None) if !scaled => common_scale(pieces)?,
         (scale, offset) => (scale.unwrap_or(1.0), offset.unwrap_or(0.0)),
     };
+    metadata::check_scale(band_scale, band_offset)?;
     let vertical_unit = match &vrt.unit {
         Some(unit) if !unit.is_empty() => {
             let said = metadata::vertical_unit(Some(unit), None);
@@ -121,6 +138,10 @@ fn describe(vrt: &Vrt, pieces: &[(Piece, VrtSource)]) -> Result<SourceInfo> {
         pixel_is_point: vrt.pixel_is_point.unwrap_or_else(|| infos().all(|info| info.geo.pixel_is_point)),
         crs: srs::resolve(vrt.srs.as_deref(), &first.info.geo.crs)?,
     };
+    let mut warnings = warn::joined(distinct.iter().map(|info| &info.warnings[..]));
+    if !vrt.chosen {
+        warnings.extend(warn::odd_band(path, vrt.bands, vrt.sample_type, vrt.colours));
+    }
     let (count, kinds) = (distinct.len(), mosaic::kinds(distinct.iter().copied()));
     let description = match count {
         1 => format!("VRT of one file: {kinds}"),
@@ -140,7 +161,30 @@ fn describe(vrt: &Vrt, pieces: &[(Piece, VrtSource)]) -> Result<SourceInfo> {
         footprint: None,
         overlap: None,
         block_rows: infos().map(|info| info.block_rows).max().unwrap_or(1),
+        reading: mosaic::reading(vrt.sample_type, Overlap::Last, infos()),
+        warnings,
+        origins: origins(vrt, pieces, path),
     })
+}
+
+/// Where what is known of the VRT was found: in it, or by its sources.
+fn origins(vrt: &Vrt, pieces: &[(Piece, VrtSource)], path: &Path) -> Origins {
+    let scaled = pieces.iter().any(|(_, source)| source.scaled.is_some());
+    let of_sources = Origins::joined(pieces.iter().map(|(piece, _)| &piece.info.origins));
+    let or = |says: bool, other: Option<Origin>| {
+        if says { Some(Origin::Vrt(file_name(path))) } else { other }
+    };
+    let has_scale = vrt.scale.is_some() || vrt.offset.is_some();
+    let has_unit = vrt.unit.as_ref().is_some_and(|unit| !unit.is_empty());
+    Origins {
+        place: or(vrt.transform.is_some(), None),
+        crs: or(vrt.srs.is_some(), of_sources.crs),
+        nodata: or(vrt.nodata.is_some(), of_sources.nodata),
+        unit: or(has_unit, of_sources.unit.filter(|_| !scaled)),
+        scale: or(has_scale, of_sources.scale.filter(|_| !scaled)),
+        offset: or(has_scale, of_sources.offset.filter(|_| !scaled)),
+        mask: of_sources.mask,
+    }
 }
 
 /// GDAL scale and offset of all sources, of which the VRT says nothing.
@@ -176,7 +220,9 @@ fn member(piece: Piece, source: &VrtSource, vrt: &Vrt) -> Result<Option<Member>>
     let Some((rect, origin)) = place(source, (info.width, info.height), (vrt.width, vrt.height))? else {
         return Ok(None);
     };
-    let nodata = source.nodata.map(|value| metadata::rounded(value, kind));
+    // Of a source GDAL compares whole numbers as they are: nothing equals -9999.5.
+    let told = source.nodata.filter(|value| kind.is_float() || value.fract() == 0.0);
+    let nodata = told.map(|value| metadata::rounded(value, kind));
     let scaled = source.scaled.map(|(ratio, offset)| Scaled { ratio, offset, single });
     Ok(Some(mosaic::member(piece, rect, origin, nodata, scaled)))
 }

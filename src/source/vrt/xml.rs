@@ -2,15 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
-use roxmltree::{Document, Node, ParsingOptions};
+use roxmltree::Node;
 
+use super::{known, remote};
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
-use crate::source::metadata;
 use crate::source::open::NEEDS_GDAL;
+use crate::source::tiff::no_band;
+use crate::source::{markup, metadata};
 
-/// A VRT with its first band.
+/// A VRT with one of its bands.
 #[derive(Debug, PartialEq)]
 pub(super) struct Vrt {
     pub(super) width: u32,
@@ -19,6 +21,14 @@ pub(super) struct Vrt {
     pub(super) transform: Option<[f64; 6]>,
     pub(super) pixel_is_point: Option<bool>,
     pub(super) sample_type: SampleType,
+    /// How many bands there are besides alpha.
+    pub(super) bands: u32,
+    /// True if somebody has chosen the band.
+    pub(super) chosen: bool,
+    /// True if what is valid is what the masks of the sources say.
+    pub(super) masked: bool,
+    /// What the band is if it is a colour.
+    pub(super) colours: Option<&'static str>,
     pub(super) nodata: Option<f64>,
     pub(super) unit: Option<String>,
     pub(super) scale: Option<f64>,
@@ -35,6 +45,8 @@ pub(super) struct VrtSource {
     /// Where that goes in the VRT; everywhere if absent.
     pub(super) to: Option<[f64; 4]>,
     pub(super) nodata: Option<f64>,
+    /// Its band, from 1.
+    pub(super) band: u32,
     /// Factor and summand.
     pub(super) scaled: Option<(f64, f64)>,
 }
@@ -45,13 +57,8 @@ pub(super) fn unsupported(what: impl Into<String>) -> Error {
 }
 
 /// Reads the text of the VRT at a path.
-pub(super) fn read(text: &str, path: &Path, limits: &Limits) -> Result<Vrt> {
-    let options = ParsingOptions {
-        nodes_limit: u32::try_from(limits.vrt_bytes).unwrap_or(u32::MAX),
-        ..ParsingOptions::default()
-    };
-    let document = Document::parse_with_options(text, options)
-        .map_err(|error| Error::format("XML", "a well-formed document", error))?;
+pub(super) fn read(text: &str, path: &Path, band: Option<u32>, limits: &Limits) -> Result<Vrt> {
+    let document = markup::parse(text)?;
     let root = document.root_element();
     if root.tag_name().name() != "VRTDataset" {
         return Err(Error::format("XML", "a VRTDataset", format!("a {}", root.tag_name().name())));
@@ -59,13 +66,29 @@ pub(super) fn read(text: &str, path: &Path, limits: &Limits) -> Result<Vrt> {
     if let Some(class) = root.attribute("subClass") {
         return Err(unsupported(format!("a VRT of the class {class}")));
     }
-    if child(root, "MaskBand").is_some() {
-        return Err(unsupported("a VRT with a mask of its own"));
-    }
+    known::dataset(root)?;
     let bands = || root.children().filter(|node| node.has_tag_name("VRTRasterBand"));
-    let first = bands().find(|band| band.attribute("band") == Some("1")).or_else(|| bands().next());
-    let band = first.ok_or_else(|| Error::format("VRTDataset", "a VRTRasterBand", "none"))?;
+    // Bands count as they stand, as in GDAL.
+    let count = bands().count() as u32;
+    let at = band.unwrap_or(1).wrapping_sub(1);
+    let chosen = band.is_some();
+    let band = bands().nth(at as usize).ok_or_else(|| match count {
+        0 => Error::format("VRTDataset", "a VRTRasterBand", "none"),
+        _ => no_band(at, count),
+    })?;
+    let role = |band: Node| child(band, "ColorInterp").map_or("", |node| text_of(node).trim()).to_lowercase();
+    let alphas = bands().filter(|&band| role(band) == "alpha").count() as u32;
+    let colours = match role(band).as_str() {
+        "red" | "green" | "blue" => Some("RGB"),
+        "palette" => Some("palette"),
+        _ => None,
+    };
     check_band(band)?;
+    check_alpha(bands().collect(), band)?;
+    let mask = child(root, "MaskBand");
+    if mask.is_some_and(|mask| !is_mask_of(mask, band)) {
+        return Err(unsupported("a VRT with a mask that is not that of its sources"));
+    }
     let name = band.attribute("dataType").unwrap_or("Byte");
     let sample_type = SampleType::ALL
         .into_iter()
@@ -79,12 +102,39 @@ pub(super) fn read(text: &str, path: &Path, limits: &Limits) -> Result<Vrt> {
         transform: transform.transpose()?,
         pixel_is_point: pixel_is_point(root),
         sample_type,
+        bands: count - alphas,
+        chosen,
+        masked: mask.is_some(),
+        colours,
         nodata: nodata(band, "NoDataValue")?,
         unit: child(band, "UnitType").map(|node| text_of(node).trim().to_owned()),
         scale: number(band, "Scale")?,
         offset: number(band, "Offset")?,
         sources: sources(band, path)?,
     })
+}
+
+/// True if a mask is made of the masks of the sources of a band, in their places, as `gdal_translate` writes it.
+fn is_mask_of(mask: Node, band: Node) -> bool {
+    fn sources<'a, 'i>(band: Node<'a, 'i>) -> impl Iterator<Item = Node<'a, 'i>> {
+        band.children().filter(|node| node.tag_name().name().ends_with("Source"))
+    }
+    let same = |(own, of): (Node, Node)| {
+        let part = |node: Node, name: &str| {
+            child(node, name).map(|part| {
+                let attributes = part.attributes().map(|a| (a.name().to_owned(), a.value().to_owned()));
+                (text_of(part).trim().to_owned(), attributes.collect::<Vec<_>>())
+            })
+        };
+        let parts = ["SourceFilename", "SrcRect", "DstRect"];
+        own.has_tag_name("SimpleSource")
+            && child(own, "SourceBand").is_some_and(|node| text_of(node).trim().starts_with("mask"))
+            && parts.into_iter().all(|name| part(own, name) == part(of, name))
+    };
+    let Some(mask) = child(mask, "VRTRasterBand") else { return false };
+    check_band(mask).is_ok()
+        && sources(mask).count() == sources(band).count()
+        && sources(mask).zip(sources(band)).all(same)
 }
 
 /// Refuses what makes a band more than its sources.
@@ -97,11 +147,24 @@ fn check_band(band: Node) -> Result<()> {
             return Err(unsupported(format!("a VRT band with {hidden}")));
         }
     }
+    known::band(band)?;
     let signed = |node: &Node| node.attribute("key") == Some("PIXELTYPE");
     if band.descendants().any(|node| signed(&node)) {
         return Err(unsupported("a VRT band of signed bytes in the old way"));
     }
     Ok(())
+}
+
+/// Refuses a VRT whose last band says where the first one is void, as GDAL takes it: an alpha band behind one or three
+/// others, unless the first one has a nodata value.
+fn check_alpha(bands: Vec<Node>, first: Node) -> Result<()> {
+    let is_alpha =
+        |band: &Node| child(*band, "ColorInterp").is_some_and(|node| text_of(node).trim() == "Alpha");
+    let decides = matches!(bands.len(), 2 | 4) && child(first, "NoDataValue").is_none();
+    match bands.last().filter(|band| decides && is_alpha(band)) {
+        Some(_) => Err(unsupported("a VRT with an alpha band")),
+        None => Ok(()),
+    }
 }
 
 fn sources(band: Node, path: &Path) -> Result<Vec<VrtSource>> {
@@ -127,24 +190,28 @@ fn source(node: Node, complex: bool, vrt: &Path) -> Result<VrtSource> {
     let file = child(node, "SourceFilename");
     let file = file.ok_or_else(|| Error::format(place(node), "a SourceFilename", "none"))?;
     let name = text_of(file);
-    if name.starts_with("/vsi") || name.contains("://") {
+    if remote::is_remote(name) {
+        return Err(remote::refusal(vrt, name));
+    }
+    if name.starts_with("/vsi") {
         return Err(unsupported(format!("a source of GDAL's own kind of path, {name}")));
     }
+    known::source(node)?;
     let relative = file.attribute("relativeToVRT").is_some_and(|word| word.trim() == "1");
     let folder = vrt.parent().filter(|_| relative).unwrap_or(Path::new(""));
-    if let Some(other) =
-        child(node, "SourceBand").map(|node| text_of(node).trim()).filter(|&band| band != "1")
-    {
-        return Err(unsupported(format!("a source that is band {other} of {name}")));
-    }
-    let refused = ["OpenOptions", "LUT", "Exponent", "ColorTableComponent"];
-    if let Some(what) = refused.into_iter().find(|what| child(node, what).is_some()) {
-        return Err(unsupported(format!("a source with {what}")));
+    let band = child(node, "SourceBand").map_or("1", |node| text_of(node).trim());
+    let Some(band) = band.parse().ok().filter(|&band| band > 0) else {
+        return Err(unsupported(format!("a source that is band {band:?} of {name}")));
+    };
+    let masked = child(node, "UseMaskBand").map(text_of).unwrap_or_default().trim().to_ascii_lowercase();
+    if complex && !matches!(masked.as_str(), "" | "0" | "no" | "false" | "off") {
+        return Err(unsupported("a source with UseMaskBand"));
     }
     let (offset, ratio) = (number(node, "ScaleOffset")?, number(node, "ScaleRatio")?);
     let scaled = (ratio.unwrap_or(1.0), offset.unwrap_or(0.0));
     Ok(VrtSource {
         path: folder.join(name),
+        band,
         from: rectangle(node, "SrcRect")?,
         to: rectangle(node, "DstRect")?,
         nodata: if complex { nodata(node, "NODATA")? } else { None },

@@ -1,13 +1,18 @@
 //! What single tags of a directory say, held against what this reader can do.
 
-use tiff::Directory;
 use tiff::tags::Tag;
 
 use super::{Compression, Predictor, Purpose, Stored};
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
-use crate::source::tiff::directory::{Reader, place};
+use crate::source::tiff::directory::{Directory, Reader, place};
+
+/// What to do with samples of 64-bit integers.
+const NO_LONGS: &str = "convert them with gdal_translate -ot Int32 (heights that fit 32 bits) or -ot Float64";
+
+/// What to do with complex samples.
+const NO_COMPLEX: &str = "take their real parts with gdal_translate -ot Float64";
 
 pub(super) fn unsupported(what: impl Into<String>) -> Error {
     Error::unsupported(what, crate::source::open::NEEDS_GDAL)
@@ -91,10 +96,13 @@ pub(super) fn stored(reader: &mut Reader<'_>, directory: &Directory) -> Result<S
         (32, 1 | 4) => SampleType::Uint32,
         (32, 3) => SampleType::Float32,
         (64, 3) => SampleType::Float64,
+        // No build reads these: GDAL has heights of them, the tiles of a container do not.
+        (64, 2) => return Err(Error::unsupported("64-bit signed samples", NO_LONGS)),
+        (64, 1 | 4) => return Err(Error::unsupported("64-bit unsigned samples", NO_LONGS)),
+        (bits, 5 | 6) => return Err(Error::unsupported(format!("{bits}-bit complex samples"), NO_COMPLEX)),
         (bits, 1 | 4) => return Err(unsupported(format!("{bits}-bit unsigned samples"))),
         (bits, 2) => return Err(unsupported(format!("{bits}-bit signed samples"))),
         (bits, 3) => return Err(unsupported(format!("{bits}-bit floating-point samples"))),
-        (bits, 5 | 6) => return Err(unsupported(format!("{bits}-bit complex samples"))),
         (_, other) => return Err(Error::format(place(Tag::SampleFormat), "1 to 6", other)),
     };
     Ok(Stored::Number(kind))
