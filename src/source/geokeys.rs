@@ -1,11 +1,17 @@
-//! GeoTIFF keys (OGC 19-008) to a coordinate system and a vertical unit.
+//! GeoTIFF keys (OGC 19-008) to a coordinate system and a vertical unit, by the rules of GDAL.
 //!
 //! Keys are taken as far as they make sense: a broken set gives an engineering CRS, never an error, because heights do
-//! not depend on it. No database is at hand; what a bare EPSG code implies is in `epsg`.
+//! not depend on it. What a code stands for is in `epsg`, what the keys of a projection say in `geokeys::defined`.
+//! This is the one place where a directory of keys is taken apart.
 
-use crate::geo::{Crs, CrsKind, Ellipsoid, GeoKeys};
+mod defined;
 
-use super::{epsg, wkt};
+use self::defined::Defined;
+pub(crate) use self::defined::definition;
+
+use super::epsg;
+use super::srs::Vertical;
+use crate::geo::{Crs, GeoKeys};
 
 const MODEL_TYPE: u16 = 1024;
 const RASTER_TYPE: u16 = 1025;
@@ -13,6 +19,7 @@ const CITATION: u16 = 1026;
 const GEODETIC_CRS: u16 = 2048;
 const GEODETIC_CITATION: u16 = 2049;
 const GEODETIC_DATUM: u16 = 2050;
+const PRIME_MERIDIAN: u16 = 2051;
 const GEODETIC_LINEAR_UNIT: u16 = 2052;
 const GEODETIC_LINEAR_UNIT_SIZE: u16 = 2053;
 const ANGULAR_UNIT: u16 = 2054;
@@ -21,8 +28,11 @@ const ELLIPSOID: u16 = 2056;
 const SEMI_MAJOR: u16 = 2057;
 const SEMI_MINOR: u16 = 2058;
 const INVERSE_FLATTENING: u16 = 2059;
+const PRIME_MERIDIAN_LONGITUDE: u16 = 2061;
 const PROJECTED_CRS: u16 = 3072;
 const PROJECTED_CITATION: u16 = 3073;
+const PROJECTION: u16 = 3074;
+const METHOD: u16 = 3075;
 const LINEAR_UNIT: u16 = 3076;
 const LINEAR_UNIT_SIZE: u16 = 3077;
 const VERTICAL: u16 = 4096;
@@ -31,6 +41,10 @@ const VERTICAL_UNIT: u16 = 4099;
 
 /// The value that means "see the other keys".
 const USER_DEFINED: u16 = 32767;
+/// Where a key's value is, if not in the key: the directory itself, the doubles, the text.
+const SHORTS_TAG: u16 = 34735;
+const DOUBLES_TAG: u16 = 34736;
+const ASCII_TAG: u16 = 34737;
 
 /// What the keys say.
 pub struct Reference {
@@ -40,84 +54,67 @@ pub struct Reference {
     pub pixel_is_point: bool,
     /// Metres and name of the vertical unit, if there is a vertical part.
     pub vertical_unit: Option<(f64, String)>,
+    /// What the keys say that cannot be, and what was taken instead.
+    pub warnings: Vec<String>,
 }
 
 /// Reads a set of keys; an empty one gives an engineering CRS in metres.
-pub fn read(keys: GeoKeys) -> Reference {
-    let kind = kind(&keys);
-    let mut crs = Crs { kind, ..Crs::default() };
-    match kind {
-        CrsKind::Geographic => {
-            crs.epsg = code(&keys, GEODETIC_CRS);
-            crs.unit = angular_unit(&keys, crs.epsg);
-            crs.ellipsoid =
-                ellipsoid(&keys).unwrap_or_else(|| epsg::geographic_ellipsoid(crs.epsg.or(datum_crs(&keys))));
-        }
-        CrsKind::Projected => {
-            crs.epsg = code(&keys, PROJECTED_CRS);
-            crs.unit = length(&keys, LINEAR_UNIT, LINEAR_UNIT_SIZE)
-                .unwrap_or_else(|| crs.epsg.map_or(1.0, epsg::projected_unit));
-            crs.ellipsoid = ellipsoid(&keys).unwrap_or_else(|| match (code(&keys, GEODETIC_CRS), crs.epsg) {
-                (None, Some(projected)) => epsg::projected_ellipsoid(projected),
-                (geographic, _) => epsg::geographic_ellipsoid(geographic),
-            });
-        }
-        CrsKind::Engineering => crs.unit = length(&keys, LINEAR_UNIT, LINEAR_UNIT_SIZE).unwrap_or(1.0),
-    }
-    crs.vertical_epsg = vertical_code(&keys);
-    crs.vertical_down = crs.vertical_epsg.is_some_and(epsg::is_depth);
-    text(&keys, VERTICAL_CITATION).unwrap_or_default().clone_into(&mut crs.vertical_name);
-    (crs.name, crs.wkt) = match crs.epsg.and_then(|code| wkt::of_epsg(kind, code)) {
-        Some(known) => known,
-        None if kind == CrsKind::Engineering => (name(&keys, kind), wkt::engineering(crs.unit)),
-        None => (name(&keys, kind), String::new()),
+pub fn read(mut keys: GeoKeys) -> Reference {
+    let mut warnings = Vec::new();
+    drop_numbers_that_are_none(&mut keys, &mut warnings);
+    let mut crs = match defined::read(&keys) {
+        Defined::Whole(definition) => definition.crs(),
+        Defined::Part(crs) => *crs,
     };
-    let vertical_unit = vertical_unit(&keys, crs.vertical_epsg);
-    let pixel_is_point = short(&keys, RASTER_TYPE) == Some(2);
-    crs.keys = (!keys.directory.is_empty()).then_some(keys);
-    Reference { crs, pixel_is_point, vertical_unit }
-}
-
-fn kind(keys: &GeoKeys) -> CrsKind {
-    match short(keys, MODEL_TYPE) {
-        Some(1) => CrsKind::Projected,
-        Some(2) => CrsKind::Geographic,
-        // Geocentric coordinates are no raster's plane.
-        Some(3) => CrsKind::Engineering,
-        _ if code(keys, PROJECTED_CRS).is_some() => CrsKind::Projected,
-        _ if code(keys, GEODETIC_CRS).is_some() => CrsKind::Geographic,
-        _ => CrsKind::Engineering,
+    let vertical = vertical_code(&keys);
+    let known = vertical.and_then(Vertical::of_code);
+    crs.vertical_epsg = vertical.or(crs.vertical_epsg);
+    crs.vertical_down |= known.as_ref().is_some_and(|known| known.down);
+    let named = text(&keys, VERTICAL_CITATION).filter(|name| !name.is_empty()).map(str::to_owned);
+    if let Some(name) = named.or_else(|| known.as_ref().map(|known| known.name.clone())) {
+        crs.vertical_name = name;
     }
+    let vertical_unit = vertical_unit(&keys, known.as_ref(), &mut warnings);
+    let pixel_is_point = is_point(&keys);
+    crs.keys = (!keys.directory.is_empty()).then_some(keys);
+    Reference { crs, pixel_is_point, vertical_unit, warnings }
 }
 
-/// Location, count and value of a key.
+/// True if the keys say PixelIsPoint: tie points then name centres of pixels.
+pub fn is_point(keys: &GeoKeys) -> bool {
+    short(keys, RASTER_TYPE) == Some(2)
+}
+
+/// The keys that count: as many as the header says, and no more.
+fn entries(keys: &GeoKeys) -> impl Iterator<Item = &[u16; 4]> {
+    let split = keys.directory.split_first_chunk::<4>();
+    split.into_iter().flat_map(|(header, rest)| rest.as_chunks::<4>().0.iter().take(usize::from(header[3])))
+}
+
+/// Location, count and value of a key; of one that is there twice, the last, as in GDAL.
 fn entry(keys: &GeoKeys, key: u16) -> Option<[u16; 3]> {
-    let (header, entries) = keys.directory.split_first_chunk::<4>()?;
-    let entries = entries.as_chunks::<4>().0.iter().take(usize::from(header[3]));
-    entries
-        .map(|&[id, location, count, value]| (id, [location, count, value]))
-        .find(|entry| entry.0 == key)
-        .map(|e| e.1)
+    let found = entries(keys).filter(|entry| entry[0] == key).last();
+    found.map(|&[_, location, count, value]| [location, count, value])
 }
 
 fn short(keys: &GeoKeys, key: u16) -> Option<u16> {
     match entry(keys, key)? {
         [0, _, value] => Some(value),
-        [34735, _, index] => keys.directory.get(usize::from(index)).copied(),
+        [SHORTS_TAG, _, index] => keys.directory.get(usize::from(index)).copied(),
         _ => None,
     }
 }
 
 fn double(keys: &GeoKeys, key: u16) -> Option<f64> {
     match entry(keys, key)? {
-        [34736, _, index] => keys.doubles.get(usize::from(index)).copied(),
+        [DOUBLES_TAG, _, index] => keys.doubles.get(usize::from(index)).copied().filter(|x| x.is_finite()),
         _ => None,
     }
 }
 
 fn text(keys: &GeoKeys, key: u16) -> Option<&str> {
     match entry(keys, key)? {
-        [34737, count, index] => {
+        [ASCII_TAG, count, index] => {
             let start = usize::from(index);
             let end = (start + usize::from(count)).min(keys.ascii.len());
             Some(keys.ascii.get(start..end)?.trim_end_matches(['|', '\0']).trim())
@@ -133,34 +130,7 @@ fn code(keys: &GeoKeys, key: u16) -> Option<u32> {
 
 fn length(keys: &GeoKeys, unit: u16, size: u16) -> Option<f64> {
     let by_code = code(keys, unit).and_then(|code| epsg::length_unit(code).map(|unit| unit.0));
-    by_code.or_else(|| double(keys, size).filter(|&size| size > 0.0 && size.is_finite()))
-}
-
-fn angular_unit(keys: &GeoKeys, crs: Option<u32>) -> f64 {
-    code(keys, ANGULAR_UNIT)
-        .and_then(epsg::angular_unit)
-        .or_else(|| double(keys, ANGULAR_UNIT_SIZE).filter(|&size| size > 0.0 && size.is_finite()))
-        .unwrap_or_else(|| crs.map_or(epsg::DEGREE, epsg::geographic_unit))
-}
-
-/// The ellipsoid that the keys spell out or give the code of.
-fn ellipsoid(keys: &GeoKeys) -> Option<Ellipsoid> {
-    let metres = length(keys, GEODETIC_LINEAR_UNIT, GEODETIC_LINEAR_UNIT_SIZE).unwrap_or(1.0);
-    let length =
-        |key| double(keys, key).map(|value| value * metres).filter(|&value| value > 0.0 && value.is_finite());
-    let Some(a) = length(SEMI_MAJOR) else { return code(keys, ELLIPSOID).and_then(epsg::ellipsoid) };
-    let inverse_flattening = match (double(keys, INVERSE_FLATTENING), length(SEMI_MINOR)) {
-        (Some(given), _) if given > 1.0 && given.is_finite() => given,
-        // A body longer than wide is taken for a sphere.
-        (None, Some(b)) if b < a => a / (a - b),
-        _ => 0.0,
-    };
-    Some(Ellipsoid { a, inverse_flattening })
-}
-
-/// The geographic CRS of a datum code: EPSG numbered the older ones 2000 apart.
-fn datum_crs(keys: &GeoKeys) -> Option<u32> {
-    code(keys, GEODETIC_DATUM).filter(|code| (6000..7000).contains(code)).map(|code| code - 2000)
+    by_code.or_else(|| double(keys, size).filter(|&size| size > 0.0))
 }
 
 /// EPSG code of the vertical CRS. GeoTIFF 1.0 had numbers of its own, of which only two are in use.
@@ -175,49 +145,86 @@ fn vertical_code(keys: &GeoKeys) -> Option<u32> {
 
 /// Takes the vertical part away, keys 4096 to 4099.
 pub(crate) fn drop_vertical(keys: &mut GeoKeys) {
-    let Some((header, entries)) = keys.directory.split_first_chunk::<4>() else { return };
-    let (entries, _) = entries.as_chunks::<4>();
-    let mut kept = header.to_vec();
-    for entry in entries.iter().take(usize::from(header[3])) {
-        if (VERTICAL..=VERTICAL_UNIT).contains(&entry[0]) {
-            kept[3] -= 1;
-        } else {
-            kept.extend(entry);
+    drop_keys(keys, |entry| (VERTICAL..=VERTICAL_UNIT).contains(&entry[0]));
+}
+
+/// Takes keys away. Short values that keys point to lie behind them: a shorter list would move those, so such keys stay
+/// where they are and lose their meaning only (key 0 means nothing).
+fn drop_keys(keys: &mut GeoKeys, gone: impl Fn(&[u16; 4]) -> bool) {
+    let Some((header, _)) = keys.directory.split_first_chunk::<4>() else { return };
+    let header = *header;
+    if entries(keys).any(|entry| entry[1] == SHORTS_TAG) {
+        let count = entries(keys).count();
+        for entry in keys.directory[4..].as_chunks_mut::<4>().0.iter_mut().take(count) {
+            if gone(entry) {
+                *entry = [0, 0, 1, 0];
+            }
+        }
+        return;
+    }
+    let kept: Vec<[u16; 4]> = entries(keys).filter(|entry| !gone(entry)).copied().collect();
+    let mut directory = header.to_vec();
+    directory[3] = kept.len() as u16;
+    directory.extend(kept.iter().flatten());
+    keys.directory = directory;
+}
+
+/// Keys whose number is NaN or infinite say nothing, to GDAL neither: they go, so that nobody has to write them.
+fn drop_numbers_that_are_none(keys: &mut GeoKeys, warnings: &mut Vec<String>) {
+    if keys.doubles.iter().all(|value| value.is_finite()) {
+        return;
+    }
+    let bad: Vec<u16> = entries(keys)
+        .filter(|entry| {
+            let first = usize::from(entry[3]);
+            let values = first..(first + usize::from(entry[2].max(1))).min(keys.doubles.len());
+            entry[1] == DOUBLES_TAG
+                && keys.doubles.get(values).is_some_and(|v| v.iter().any(|x| !x.is_finite()))
+        })
+        .map(|entry| entry[0])
+        .collect();
+    drop_keys(keys, |entry| bad.contains(&entry[0]));
+    for value in &mut keys.doubles {
+        if !value.is_finite() {
+            *value = 0.0;
         }
     }
-    // Short values that keys point to lie behind them: a shorter list would move those, so such keys stay as they are.
-    if entries.iter().all(|entry| entry[1] != 34735) {
-        keys.directory = kept;
+    for key in bad {
+        warnings.push(format!("GeoKey {key} is not a finite number: it is left out"));
     }
 }
 
-fn vertical_unit(keys: &GeoKeys, vertical: Option<u32>) -> Option<(f64, String)> {
+/// The unit of a vertical system by its code, else by the key, as GDAL has it.
+fn vertical_unit(
+    keys: &GeoKeys,
+    known: Option<&Vertical>,
+    warnings: &mut Vec<String>,
+) -> Option<(f64, String)> {
     let by_key = code(keys, VERTICAL_UNIT).and_then(epsg::length_unit);
-    let unit = match (by_key, vertical) {
-        (Some(unit), _) => unit,
-        (None, Some(code)) => epsg::vertical_unit(code),
-        (None, None) => return None,
+    let metre = (1.0, "metre".to_owned());
+    let Some(system) = code(keys, VERTICAL) else {
+        return by_key.map(|(metres, name)| (metres, name.to_owned()));
     };
-    Some((unit.0, unit.1.to_owned()))
-}
-
-/// A name for people out of the citations, which some programs fill with `PCS Name = ...|Datum = ...|`.
-fn name(keys: &GeoKeys, kind: CrsKind) -> String {
-    let order = match kind {
-        CrsKind::Geographic => [GEODETIC_CITATION, CITATION, PROJECTED_CITATION],
-        CrsKind::Projected => [PROJECTED_CITATION, CITATION, GEODETIC_CITATION],
-        CrsKind::Engineering => [CITATION, PROJECTED_CITATION, GEODETIC_CITATION],
+    let by_code = match system {
+        // Heights above an ellipsoid have no system of their own.
+        5001..=5033 => None,
+        _ => Some(known.map_or(metre.clone(), |known| known.unit.clone())),
     };
-    let found =
-        order.into_iter().filter_map(|key| text(keys, key)).find(|text| !text.is_empty()).unwrap_or_default();
-    let named = found.split('|').find_map(|part| part.trim().split_once("CS Name = ").map(|(_, name)| name));
-    named.or_else(|| found.split('|').next()).unwrap_or_default().trim().to_owned()
+    let counts = by_code.clone().unwrap_or(metre).1;
+    if let Some((_, key)) = by_key.filter(|key| key.0 != by_code.as_ref().map_or(1.0, |unit| unit.0)) {
+        warnings.push(format!(
+            "its vertical system (GeoKey 4096: {system}) has heights in {counts}, GeoKey 4099 beside it says {key}: they are taken in \
+             {counts}, as GDAL does; if that is wrong, {}",
+            super::advice::UNIT
+        ));
+    }
+    by_code
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geo::{Geo, WGS84};
+    use crate::geo::{CrsKind, Ellipsoid, Geo, WGS84};
 
     fn keys(entries: &[[u16; 4]], doubles: &[f64], ascii: &str) -> GeoKeys {
         let mut directory = vec![1, 1, 0, entries.len() as u16];
@@ -243,7 +250,10 @@ mod tests {
         let without = read(keys(&[[1024, 0, 1, 1], [3072, 0, 1, 2263]], &[], ""));
         assert_eq!(with.crs.unit, epsg::US_SURVEY_FOOT);
         assert_eq!(without.crs.unit, epsg::US_SURVEY_FOOT);
-        assert_eq!(with.crs.wkt, "");
+        assert!(with.crs.wkt.contains("Lambert Conic Conformal (2SP)") && with.crs.epsg == Some(2263));
+        // In metres it is another system than that of the code, as in GDAL.
+        let metres = read(keys(&[[1024, 0, 1, 1], [3072, 0, 1, 2263], [3076, 0, 1, 9001]], &[], ""));
+        assert_eq!((metres.crs.unit, metres.crs.epsg), (1.0, None));
     }
 
     #[test]

@@ -1,0 +1,188 @@
+//! What a place says that the Earth contradicts.
+//!
+//! Only blatant things: each is more often a file that is wrong about itself than a place. A warning says what was found,
+//! where, and what can be done; numbers that cannot be worked with at all are refused.
+
+use super::SourceInfo;
+use super::srs::Definition;
+use crate::error::{Error, Result};
+use crate::geo::{CrsKind, Geo};
+
+/// A body that is taken for the Earth: its radius to within a hundredth.
+const EARTH: std::ops::Range<f64> = 6.3e6..6.45e6;
+/// Metres of a pixel that no raster of the Earth needs.
+const LARGEST_PIXEL: f64 = 200_000.0;
+/// Degrees beyond which longitudes are no longer those of a raster that begins somewhere else than at -180.
+const FARTHEST_LONGITUDE: f64 = 540.0;
+/// Metres that no coordinate of a projection of the Earth exceeds: half a turn, and as much again for a false origin.
+const FARTHEST: f64 = 4.1e7;
+/// Metres from the middle of a zone of 6 degrees beyond which transverse Mercator is not what was meant.
+const FARTHEST_IN_ZONE: f64 = 3.0e6;
+
+/// What to do about a place that cannot be.
+const MEND: &str = "state it anew with gdal_edit.py (-a_srs, -a_ullr) if that is wrong";
+
+/// Refuses a place whose numbers overflow: what is derived from them could not be written, nor read again.
+pub(super) fn check(info: &SourceInfo) -> Result<()> {
+    let geo = &info.geo;
+    let Some(transform) = geo.transform else { return Ok(()) };
+    let spacing = geo.spacing((0, info.width.saturating_sub(1)), (0, info.height.saturating_sub(1)));
+    let bounds = geo.bounds(info.width, info.height);
+    let size = [bounds[2] - bounds[0], bounds[3] - bounds[1], spacing.dx, spacing.dy];
+    let finite = transform.iter().chain(&bounds).chain(&size).all(|value| value.is_finite());
+    // Squares of metres are taken on the way to errors.
+    if finite && size.iter().all(|value| value.abs() < 1e100) {
+        return Ok(());
+    }
+    Err(Error::format(
+        "the place of the raster (its geotransform)",
+        "bounds and pixels that are finite numbers (give it a place with gdal_edit.py -a_ullr)",
+        format!("{transform:?}"),
+    ))
+}
+
+/// Warnings about the place of a raster.
+pub(super) fn doubts(info: &SourceInfo) -> Vec<String> {
+    let geo = &info.geo;
+    let body = geo.crs.ellipsoid.a;
+    if geo.transform.is_none() || geo.crs.kind == CrsKind::Engineering || !EARTH.contains(&body) {
+        return Vec::new();
+    }
+    let bounds = geo.bounds(info.width, info.height);
+    let mut found = match geo.crs.kind {
+        CrsKind::Geographic => degrees(geo, bounds),
+        _ => metres(geo, bounds),
+    };
+    let middle = (info.height / 2, info.height / 2);
+    let spacing = geo.spacing((info.width / 2, info.width / 2), middle);
+    let pixel = spacing.dx.max(spacing.dy);
+    if found.is_empty() && pixel > LARGEST_PIXEL {
+        found.push(format!("a pixel is {:.0} km wide on the ground: {MEND}", pixel / 1000.0));
+    }
+    found
+}
+
+/// Of longitudes and latitudes. Pixels reach over a pole by half of their height where samples stand on it.
+fn degrees(geo: &Geo, [west, south, east, north]: [f64; 4]) -> Vec<String> {
+    let unit = geo.crs.unit.to_degrees();
+    let [_, a, b, _, d, e] = geo.transform_or_identity();
+    let half = 0.5 * (d.abs() + e.abs()) * unit + 1e-6;
+    let [west, south, east, north] = [west, south, east, north].map(|value| value * unit);
+    if west.abs().max(east.abs()) > 1000.0 && south.abs().max(north.abs()) > 1000.0 {
+        return vec![format!(
+            "its coordinates are called longitudes and latitudes ({}) and reach from {west} to {east} and from {south} to \
+             {north}: they look like metres; {MEND}",
+            name(geo)
+        )];
+    }
+    let mut found = Vec::new();
+    if north > 90.0 + half || south < -90.0 - half {
+        let latitude = if north > 90.0 + half { north } else { south };
+        found.push(format!("its latitudes reach {latitude}, beyond the pole: {MEND}"));
+    }
+    if west < -FARTHEST_LONGITUDE || east > FARTHEST_LONGITUDE {
+        found.push(format!("its longitudes reach from {west} to {east}: {MEND}"));
+    } else if east - west > 360.0 + (a.abs() + b.abs()) * unit + 1e-6 {
+        found.push(format!("it is {} degrees wide, more than once around the Earth: {MEND}", east - west));
+    }
+    found
+}
+
+/// Of coordinates in a plane.
+fn metres(geo: &Geo, bounds: [f64; 4]) -> Vec<String> {
+    let [west, south, east, north] = bounds.map(|value| value * geo.crs.unit);
+    let farthest = [west, south, east, north].into_iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+    if farthest > FARTHEST {
+        return vec![format!(
+            "its coordinates ({}) reach {farthest:.0} m, farther than the Earth is around: {MEND}",
+            name(geo)
+        )];
+    }
+    let [pixel_x, pixel_y] = {
+        let [_, a, b, _, d, e] = geo.transform_or_identity();
+        [a.hypot(d), b.hypot(e)].map(|side| side * geo.crs.unit)
+    };
+    if west >= -360.0 && east <= 360.0 && south >= -90.0 && north <= 90.0 && pixel_x.max(pixel_y) < 1.0 {
+        return vec![format!(
+            "its coordinates are called metres ({}) and reach from {west} to {east} and from {south} to {north}: they look like \
+             degrees; {MEND}",
+            name(geo)
+        )];
+    }
+    let definition = Definition::of(&geo.crs);
+    let conversion = definition.as_ref().and_then(|definition| definition.conversion.as_ref());
+    let Some(conversion) = conversion.filter(|c| c.method.as_ref().is_ok_and(|method| method.code == 9807))
+    else {
+        return Vec::new();
+    };
+    let origin = conversion.value("x_0");
+    let off = (west - origin).abs().max((east - origin).abs());
+    if off <= FARTHEST_IN_ZONE {
+        return Vec::new();
+    }
+    vec![format!(
+        "it reaches {:.0} km from the middle meridian of its zone ({}): {MEND}",
+        off / 1000.0,
+        name(geo)
+    )]
+}
+
+fn name(geo: &Geo) -> String {
+    match geo.crs.epsg {
+        Some(code) => format!("EPSG:{code}"),
+        None => geo.crs.name.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::srs;
+
+    fn info(crs: &str, transform: [f64; 6], size: (u32, u32)) -> SourceInfo {
+        let geo = Geo { transform: Some(transform), pixel_is_point: false, crs: srs::read(crs).expect(crs) };
+        let description = serde_json::json!({
+            "width": size.0, "height": size.1, "sample_type": "int16", "nodata": null, "band_scale": 1.0,
+            "band_offset": 0.0, "vertical_unit": [1.0, "m"], "geo": geo, "description": "", "parts": [],
+            "footprint": null, "overlap": null, "block_rows": 1
+        });
+        serde_json::from_value(description).expect("description")
+    }
+
+    #[test]
+    fn what_contradicts_the_earth_is_told() {
+        let cases = [
+            ("EPSG:4326", [-180.0, 1.0, 0.0, 90.0, 0.0, -1.0], (360, 180), ""),
+            ("EPSG:4326", [-180.5, 1.0, 0.0, 90.5, 0.0, -1.0], (361, 181), ""),
+            ("EPSG:4326", [0.0, 1.0, 0.0, 95.0, 0.0, -1.0], (10, 10), "latitudes reach 95"),
+            ("EPSG:4326", [0.0, 0.1, 0.0, 80.0, 0.0, -0.1], (6000, 10), "longitudes reach"),
+            ("EPSG:4326", [-180.0, 0.1, 0.0, 80.0, 0.0, -0.1], (4000, 10), "more than once around"),
+            ("EPSG:4326", [5e5, 30.0, 0.0, 4.4e6, 0.0, -30.0], (10, 10), "look like metres"),
+            ("EPSG:4326", [-180.0, 60.0, 0.0, 90.0, 0.0, -60.0], (6, 3), "km wide"),
+            ("EPSG:32613", [5e5, 10.0, 0.0, 4.4e6, 0.0, -10.0], (70, 50), ""),
+            ("EPSG:32613", [5e7, 10.0, 0.0, 4.4e6, 0.0, -10.0], (70, 50), "farther than the Earth"),
+            ("EPSG:32613", [-105.0, 0.001, 0.0, 40.0, 0.0, -0.001], (70, 50), "look like degrees"),
+            ("EPSG:32613", [1e7, 10.0, 0.0, 4.4e6, 0.0, -10.0], (70, 50), "from the middle meridian"),
+            ("EPSG:3857", [-2.004e7, 1e5, 0.0, 2.004e7, 0.0, -1e5], (400, 400), ""),
+            ("EPSG:31467", [3.5e6, 10.0, 0.0, 5.5e6, 0.0, -10.0], (70, 50), ""),
+            ("+proj=longlat +R=1737400", [0.0, 1.0, 0.0, 95.0, 0.0, -1.0], (10, 10), ""),
+        ];
+        for (crs, transform, size, wanted) in cases {
+            let found = doubts(&info(crs, transform, size));
+            let same = if wanted.is_empty() {
+                found.is_empty()
+            } else {
+                found.len() == 1 && found[0].contains(wanted)
+            };
+            assert!(same, "{crs} {transform:?}: {found:?}");
+            assert!(check(&info(crs, transform, size)).is_ok());
+        }
+    }
+
+    #[test]
+    fn numbers_that_overflow_are_refused() {
+        for scale in [1e308, 1e200, 1e120] {
+            assert!(check(&info("EPSG:32613", [0.0, scale, 0.0, 0.0, 0.0, -scale], (50, 50))).is_err());
+        }
+    }
+}
