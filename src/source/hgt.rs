@@ -1,14 +1,18 @@
 //! SRTM tiles, natively: `N44W072.hgt`, big-endian 16-bit metres of one square degree, row by row from the north.
 //!
-//! The name is all the georeference there is: the south-western corner, a sample at each corner of the degree.
+//! The name is all the georeference there is: the south-western corner, a sample at each corner of the degree. As to GDAL,
+//! a `.aux.xml` beside it can say scale and offset, and no more. A tile may be gzipped, `N44W072.hgt.gz`, as they are
+//! often given out.
 
 use std::fs::File;
 use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
+use super::account::Account;
 use super::{
-    FileStamp, Fingerprint, Part, Samples, Source, SourceInfo, Window, check_window, file_name, vrt,
+    FileStamp, Fingerprint, Origin, Origins, Part, ReadMemory, Samples, Source, SourceInfo, Window,
+    check_window, file_name, gzip, srs,
 };
 use crate::error::{Error, Result};
 use crate::file::read_exact_at;
@@ -26,38 +30,52 @@ pub struct HgtSource {
     path: PathBuf,
     file: File,
     info: SourceInfo,
+    /// Files that say what the tile is.
+    beside: Vec<PathBuf>,
 }
 
 impl HgtSource {
     /// Opens a tile, whose name must say where it lies and whose length must be that of a square (or 1801 x 3601).
     pub fn open(path: &Path, limits: &Limits) -> Result<Self> {
         let (latitude, longitude) = corner(&file_name(path)).map_err(|error| error.at(path))?;
-        let file = File::open(path).map_err(|error| Error::io(path, "open", error))?;
-        let bytes = file.metadata().map_err(|error| Error::io(path, "look at", error))?.len();
-        let (width, height) = size(bytes, limits).map_err(|error| error.at(path))?;
+        let gzip::Content { file, length, is_gzipped } = gzip::open(path, limits)?;
+        let (width, height) = size(length, limits).map_err(|error| error.at(path))?;
         let (dx, dy) = (1.0 / f64::from(width - 1), 1.0 / f64::from(height - 1));
         let transform = [longitude - 0.5 * dx, dx, 0.0, latitude + 1.0 + 0.5 * dy, 0.0, -dy];
-        let description = "SRTM .hgt".to_owned();
+        let description = if is_gzipped { "SRTM .hgt, gzipped" } else { "SRTM .hgt" }.to_owned();
+        let account = Account::beside(path, limits);
+        let band = account.band(1).map_err(|error| error.at(path))?;
+        let origins = Origins {
+            place: Some(Origin::FileName),
+            crs: Some(Origin::Format),
+            nodata: Some(Origin::Format),
+            unit: Some(Origin::Format),
+            ..band.origins
+        };
         let info = SourceInfo {
             width,
             height,
             sample_type: SampleType::Int16,
             nodata: Some(VOID.into()),
-            band_scale: 1.0,
-            band_offset: 0.0,
+            band_scale: band.scale,
+            band_offset: band.offset,
             vertical_unit: (1.0, "m".to_owned()),
             geo: Geo {
                 transform: Some(transform),
-                pixel_is_point: true,
-                crs: vrt::of_code(CrsKind::Geographic, 4326),
+                pixel_is_point: account.aux_pixel_is_point().unwrap_or(true),
+                crs: srs::of_code(CrsKind::Geographic, 4326),
             },
             parts: vec![Part { name: file_name(path), description: description.clone() }],
             description,
             footprint: None,
             overlap: None,
             block_rows: 1,
+            // Bytes of the file and samples.
+            reading: ReadMemory::plain(4),
+            warnings: account.warnings,
+            origins,
         };
-        Ok(Self { path: path.to_owned(), file, info })
+        Ok(Self { path: path.to_owned(), file, info, beside: account.files })
     }
 
     fn read(&self, bytes: &mut [u8], first: u64) -> Result<()> {
@@ -100,7 +118,11 @@ impl Source for HgtSource {
     }
 
     fn fingerprint(&self) -> Result<Fingerprint> {
-        Ok(Fingerprint { files: vec![FileStamp::of(&self.path)?] })
+        Ok(Fingerprint { files: self.files().iter().map(|path| FileStamp::of(path)).collect::<Result<_>>()? })
+    }
+
+    fn files(&self) -> Vec<PathBuf> {
+        std::iter::once(&self.path).chain(&self.beside).cloned().collect()
     }
 }
 

@@ -1,6 +1,7 @@
 //! The texts that GDAL keeps beside samples: nodata, scale, offset, and the name of the vertical unit.
 
 use super::unit;
+use crate::error::{Error, Result};
 use crate::sample::SampleType;
 
 /// A number as GDAL reads it from text: the longest prefix that is one; `None` where there is none at all.
@@ -17,11 +18,6 @@ pub(crate) fn number(text: &str) -> Option<f64> {
     ends.find_map(|end| text[..end].trim_end().parse().ok())
 }
 
-/// The nodata value of GDAL's tag, rounded as the samples are: a float32 raster holds no other value.
-pub(crate) fn nodata(text: &str, kind: SampleType) -> Option<f64> {
-    number(text).map(|value| rounded(value, kind))
-}
-
 /// A nodata value as samples of this type would hold it.
 pub(crate) fn rounded(value: f64, kind: SampleType) -> f64 {
     if kind == SampleType::Float32 { nearest_f32(value) } else { value }
@@ -34,50 +30,15 @@ fn nearest_f32(value: f64) -> f64 {
     if nearest.is_infinite() { value } else { nearest }
 }
 
-/// Scale, offset and unit of band 1 in GDAL's XML (tag 42112).
-#[derive(Debug, Default, PartialEq)]
-pub(crate) struct Items {
-    pub(crate) scale: Option<f64>,
-    pub(crate) offset: Option<f64>,
-    pub(crate) unit: Option<String>,
-}
-
-/// Reads `<Item name=".." sample="0" role="scale">0.1</Item>` and its kin; whatever else is there is passed over.
-pub(crate) fn items(xml: &str) -> Items {
-    let mut found = Items::default();
-    for part in xml.split("<Item").skip(1) {
-        let Some((attributes, rest)) = part.split_once('>') else { break };
-        if attribute(attributes, "sample") != Some("0") {
-            continue;
-        }
-        // GDAL escapes values twice.
-        let text = unescape(&unescape(rest.split_once("</Item").map_or(rest, |(text, _)| text)));
-        match attribute(attributes, "role") {
-            Some("scale") => found.scale = number(&text),
-            Some("offset") => found.offset = number(&text),
-            Some("unittype") => found.unit = Some(text.trim().to_owned()),
-            _ => {}
-        }
+/// Refuses a scale or an offset that leaves no height.
+pub(crate) fn check_scale(scale: f64, offset: f64) -> Result<()> {
+    if !scale.is_finite() || scale == 0.0 {
+        return Err(Error::format("scale of the samples", "a finite number other than 0", scale));
     }
-    found
-}
-
-fn attribute<'a>(attributes: &'a str, name: &str) -> Option<&'a str> {
-    attributes.match_indices(name).find_map(|(at, _)| {
-        let before = attributes[..at].chars().next_back();
-        let value = attributes[at + name.len()..].trim_start().strip_prefix('=')?.trim_start();
-        let quote = value.chars().next().filter(|quote| matches!(quote, '"' | '\''))?;
-        let value = value[1..].split(quote).next()?;
-        before.is_none_or(char::is_whitespace).then_some(value)
-    })
-}
-
-fn unescape(text: &str) -> String {
-    text.replace("&lt;", "<")
-        .replace("&gt;", ">")
-        .replace("&quot;", "\"")
-        .replace("&apos;", "'")
-        .replace("&amp;", "&")
+    if !offset.is_finite() {
+        return Err(Error::format("offset of the samples", "a finite number", offset));
+    }
+    Ok(())
 }
 
 /// Metres and name of the vertical unit: the unit type of the band first, else that of the vertical CRS. A name that
@@ -107,22 +68,12 @@ mod tests {
 
     #[test]
     fn nodata_of_a_float32() {
+        let nodata = |text, kind| number(text).map(|value| rounded(value, kind));
         assert_eq!(nodata("0.1", SampleType::Float32), Some(f64::from(0.1_f32)));
         assert_eq!(nodata("-3.4028235e+38", SampleType::Float32), Some(-f64::from(f32::MAX)));
         assert_eq!(nodata("-1e300", SampleType::Float32), Some(-1e300));
         assert_eq!(nodata("0.1", SampleType::Float64), Some(0.1));
         assert_eq!(nodata("-9999", SampleType::Uint8), Some(-9999.0));
-    }
-
-    #[test]
-    fn items_of_band_one() {
-        let xml = "<GDALMetadata>\n  <Item name=\"OFFSET\" sample=\"0\" role=\"offset\">100</Item>\n\
-                   <Item role='scale' sample='0' name='SCALE'>0.25</Item>\n\
-                   <Item name=\"SCALE\" sample=\"1\" role=\"scale\">9</Item>\n\
-                   <Item name=\"UNITTYPE\" sample=\"0\" role=\"unittype\">a &lt;b&gt; &amp;amp;</Item>\n\
-                   <Item name=\"sample\">0</Item><Item name=\"x";
-        let expected = Items { scale: Some(0.25), offset: Some(100.0), unit: Some("a <b> &".to_owned()) };
-        assert_eq!(items(xml), expected);
     }
 
     #[test]

@@ -3,29 +3,41 @@
 //! A source knows nothing of tiles. It gives samples in their own type, with a validity of their own (GDAL mask),
 //! and says which value means void; [`Window::is_void`] joins the two.
 
+pub mod account;
+pub mod cropped;
+mod earth;
 mod epsg;
 #[cfg(feature = "gdal")]
 pub mod gdal;
 pub mod geokeys;
+mod gzip;
 pub mod hgt;
+mod kind;
+mod markup;
 mod metadata;
 pub mod mosaic;
+mod nodata;
 mod open;
 pub mod picture;
+pub mod projection;
+pub(crate) mod srs;
 mod stated;
 pub mod tiff;
 pub mod unit;
 mod vrt;
+mod warn;
 pub mod warp;
-mod wkt;
 
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
 use serde::{Deserialize, Serialize};
 
+pub use self::account::{Origin, Origins};
+pub use self::nodata::Nodata;
 pub use self::open::{OpenOptions, Overlap, open, open_all, stem};
+pub use self::warn::advice;
 
 use crate::error::{Error, Result};
 use crate::geo::Geo;
@@ -58,7 +70,7 @@ pub struct SourceInfo {
     pub height: u32,
     /// Type of the samples of the elevation band.
     pub sample_type: SampleType,
-    /// The value that means void, from GDAL's nodata tag; NaN and infinities are void whatever it is.
+    /// The value that means void; see [`Nodata`] for the samples that it stands for. NaN and infinities are void whatever it is.
     pub nodata: Option<f64>,
     /// GDAL scale: `real = band_offset + band_scale * value`; 1 unless the file says so.
     pub band_scale: f64,
@@ -78,6 +90,97 @@ pub struct SourceInfo {
     pub overlap: Option<Overlap>,
     /// Height in rows of the blocks that the file is made of (strip or tile height): reading whole ones is cheapest.
     pub block_rows: u32,
+    /// Memory that reading it takes.
+    #[serde(default)]
+    pub reading: ReadMemory,
+    /// What looks wrong with the raster, or was decided about it, a sentence each: what was found, and what can be done.
+    #[serde(default)]
+    pub warnings: Vec<String>,
+    /// Where each of place, coordinate system, nodata, unit, scale, offset and mask was found.
+    #[serde(default)]
+    pub origins: Origins,
+}
+
+impl SourceInfo {
+    /// The samples that its nodata value stands for.
+    pub fn voids(&self) -> Nodata {
+        Nodata::new(self.nodata, self.sample_type)
+    }
+}
+
+/// Bytes of memory that reading a raster takes at most. What is decoded is whole blocks, however little of them is wanted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ReadMemory {
+    /// For each sample of a window while it is read, the window itself included.
+    pub sample: u64,
+    /// A row of decoded blocks, for each column of the raster: a sweep keeps rows of them.
+    pub column: f64,
+    /// The largest decoded block.
+    pub block: u64,
+    /// What a thread takes that decodes one.
+    pub thread: u64,
+}
+
+impl ReadMemory {
+    /// Of a raster without blocks, whose samples have so many bytes.
+    pub fn plain(sample: u64) -> Self {
+        Self { sample, ..Self::default() }
+    }
+
+    /// Of two bands that are read together.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            sample: self.sample.saturating_add(other.sample),
+            column: self.column + other.column,
+            block: self.block.saturating_add(other.block),
+            thread: self.thread.max(other.thread),
+        }
+    }
+
+    /// Of some columns of a raster: its blocks are decoded whole, and stick out at both sides of a part, and above and below it if
+    /// they lie in `several_rows`.
+    #[must_use]
+    pub fn of_part(self, (whole, part): (u32, u32), several_rows: bool) -> Self {
+        let (whole, part) = (f64::from(whole.max(1)), f64::from(part.max(1)));
+        let row = (self.column * part + 2.0 * self.block as f64).min(self.column * whole);
+        let rows = if several_rows { 2.0 } else { 1.0 };
+        Self { column: rows * row / part, ..self }
+    }
+
+    /// Of rasters of which any may be read.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        Self {
+            sample: self.sample.max(other.sample),
+            column: self.column.max(other.column),
+            block: self.block.max(other.block),
+            thread: self.thread.max(other.thread),
+        }
+    }
+
+    /// Bytes of the blocks that a sweep of bands of `band` rows keeps or decodes on so many threads, over `columns` columns that lie in
+    /// `runs` runs, of a raster of a size whose blocks are `block_rows` high. Blocks stick out at both ends of a run.
+    pub fn blocks(
+        self,
+        (columns, runs): (u64, u64),
+        (band, block_rows): (u64, u32),
+        (width, height): (u32, u32),
+        threads: u64,
+    ) -> u64 {
+        let block_rows = u64::from(block_rows.max(1));
+        let all = u64::from(height).div_ceil(block_rows);
+        // The first band keeps all of its rows of blocks; from then on one is kept, one becomes the next, and the memory of one waits.
+        let rows = (band.saturating_sub(2) / block_rows + 2).max(3).min(all);
+        let of = |columns: u64| (columns as f64 * self.column).ceil() as u64;
+        let row = of(columns).saturating_add((2 * runs).saturating_mul(self.block)).min(of(width.into()));
+        // No more are decoded at a time than there are, and where all are kept that is what they are decoded for.
+        let blocks = row.checked_div(self.block).map(|blocks| (blocks + 1).saturating_mul(rows));
+        let threads = threads.min(blocks.unwrap_or(u64::MAX));
+        let thread = if rows == all { self.thread.saturating_sub(self.block) } else { self.thread };
+        row.saturating_mul(rows).saturating_add(thread.saturating_mul(threads))
+    }
 }
 
 /// Samples of a window, row by row, in the type of the file.
@@ -184,11 +287,11 @@ impl Window {
         Self { samples, mask: self.mask.map(|mask| crop(&mask, width, &columns)) }
     }
 
-    /// True if the sample at an index is void: masked out, equal to `nodata`, NaN or infinite.
-    pub fn is_void(&self, index: usize, nodata: Option<f64>) -> bool {
+    /// True if the sample at an index is void: masked out, one that `nodata` stands for, NaN or infinite.
+    pub fn is_void(&self, index: usize, nodata: Nodata) -> bool {
         let value = self.samples.value(index);
         let masked = self.mask.as_ref().is_some_and(|mask| mask.get(index).is_none_or(|&valid| valid == 0));
-        masked || !value.is_finite() || nodata == Some(value)
+        masked || !value.is_finite() || nodata.is(value)
     }
 }
 
@@ -229,6 +332,12 @@ pub trait Source: Send + Sync {
 
     /// The files as they are on disk now: differs from what it was as soon as one of them has been written to, replaced or removed.
     fn fingerprint(&self) -> Result<Fingerprint>;
+
+    /// Every file that is read: the raster, its mask, what lies beside it and says what it is, the files of a VRT and of
+    /// a mosaic. None for a raster in memory.
+    fn files(&self) -> Vec<PathBuf> {
+        Vec::new()
+    }
 
     /// Takes back a window that is of no more use: its memory may serve the next one.
     fn take_back(&self, window: Window) {

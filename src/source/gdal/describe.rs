@@ -1,46 +1,67 @@
 //! What GDAL says of a raster: size, type, georeference, units.
 
 use std::ffi::{CStr, c_char};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use gdal::errors::GdalError;
-use gdal::raster::RasterBand;
+use gdal::raster::{ColorInterpretation, RasterBand};
 use gdal::spatial_ref::SpatialRef;
 use gdal::{Dataset, Metadata};
 
+use super::Validity;
 use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind, Ellipsoid, Geo};
 use crate::limits::Limits;
 use crate::sample::SampleType;
-use crate::source::{Part, SourceInfo, epsg, file_name, metadata, unit, wkt};
+use crate::source::tiff::no_band;
+use crate::source::{
+    Origin, Origins, Part, ReadMemory, SourceInfo, account, epsg, file_name, metadata, srs, unit, warn,
+};
 
-/// Everything known at once, and whether the mask is to be read.
-pub(super) fn describe(dataset: &Dataset, path: &Path, limits: &Limits) -> Result<(SourceInfo, bool)> {
-    let wrong = |error: GdalError| Error::format("band 1", "a raster band", error);
-    let band = dataset.rasterband(1).map_err(|error| {
-        let names = dataset.metadata_domain("SUBDATASETS").unwrap_or_default();
-        match names.iter().find_map(|line| line.split_once("_NAME=")) {
-            Some((_, name)) => {
-                Error::unsupported("several rasters in one file", format!("name one of them: {name}"))
-            }
-            None => wrong(error),
-        }
-    })?;
+/// Everything known at once, and what says which samples are valid. `chosen` is the band, from 1, if somebody chose it.
+pub(super) fn describe(
+    dataset: &Dataset,
+    path: &Path,
+    chosen: Option<u32>,
+    limits: &Limits,
+) -> Result<(SourceInfo, Validity)> {
+    let number = chosen.unwrap_or(1);
+    let wrong = |error: GdalError| Error::format(format!("band {number}"), "a raster band", error);
+    let count = u32::try_from(dataset.raster_count()).unwrap_or(u32::MAX);
+    let band = band_of(dataset, number, &wrong)?;
     let (width, height) = band.size();
     let sample_type = sample_type(&band)?;
-    let flags = band.mask_flags().map_err(wrong)?;
-    let (crs, vertical) = crs(dataset.spatial_ref().ok().as_ref());
+    let mut nodata = band.no_data_value().map(|value| metadata::rounded(value, sample_type));
+    let mut warnings = Vec::new();
+    let alpha = alpha(dataset, number);
+    if chosen.is_none() {
+        let colours = colours(&band);
+        warnings.extend(warn::odd_band(path, count - u32::from(alpha.is_some()), sample_type, colours));
+    }
+    let validity = validity(&band, alpha, nodata).map_err(wrong)?;
+    if let (Validity::Mask, Some(value)) = (validity, nodata) {
+        // As GDAL: where there is a mask it alone counts.
+        warnings.push(warn::mask_and_nodata(path, value));
+        nodata = None;
+    }
     let transform = dataset.geo_transform().ok();
+    let (spatial, prj) = spatial(dataset, path, transform.is_some(), limits)?;
+    let (crs, vertical) = crs(spatial.as_ref());
     let pixel_is_point = dataset.metadata_item("AREA_OR_POINT", "").is_some_and(|word| word == "Point");
+    let (band_scale, band_offset) = (band.scale().unwrap_or(1.0), band.offset().unwrap_or(0.0));
+    metadata::check_scale(band_scale, band_offset)?;
     let unit = band.unit();
     let description = format!("{} through GDAL", dataset.driver().long_name());
+    let origins = origins(&band, (transform.is_some(), spatial.is_some(), nodata.is_some()), prj, &validity);
+    let has_unit = !unit.is_empty() || vertical.is_some();
+    let origins = Origins { unit: has_unit.then_some(Origin::Driver), ..origins };
     let info = SourceInfo {
         width: side("the width of the raster", width as u64, limits)?,
         height: side("the height of the raster", height as u64, limits)?,
         sample_type,
-        nodata: band.no_data_value().map(|value| metadata::rounded(value, sample_type)),
-        band_scale: band.scale().unwrap_or(1.0),
-        band_offset: band.offset().unwrap_or(0.0),
+        nodata,
+        band_scale,
+        band_offset,
         vertical_unit: metadata::vertical_unit(Some(&unit), vertical),
         geo: Geo { transform, pixel_is_point, crs },
         parts: vec![Part { name: file_name(path), description: description.clone() }],
@@ -48,8 +69,118 @@ pub(super) fn describe(dataset: &Dataset, path: &Path, limits: &Limits) -> Resul
         overlap: None,
         description,
         block_rows: u32::try_from(band.block_size().1.clamp(1, height.max(1))).unwrap_or(1),
+        reading: reading(band.block_size(), width, sample_type),
+        warnings,
+        origins,
     };
-    Ok((info, !flags.is_all_valid() && !flags.is_nodata()))
+    Ok((info, validity))
+}
+
+/// What a band says it is, if that is no heights.
+fn colours(band: &RasterBand<'_>) -> Option<&'static str> {
+    match band.color_interpretation() {
+        ColorInterpretation::PaletteIndex => Some("palette"),
+        ColorInterpretation::RedBand | ColorInterpretation::GreenBand | ColorInterpretation::BlueBand => {
+            Some("RGB")
+        }
+        _ => None,
+    }
+}
+
+/// Where all but the unit was found; whether there are a place, a coordinate system and nodata.
+fn origins(
+    band: &RasterBand<'_>,
+    (place, crs, nodata): (bool, bool, bool),
+    prj: Option<Origin>,
+    validity: &Validity,
+) -> Origins {
+    let driver = |is_there: bool| is_there.then_some(Origin::Driver);
+    Origins {
+        place: driver(place),
+        crs: prj.or_else(|| driver(crs)),
+        nodata: driver(nodata),
+        unit: None,
+        scale: driver(band.scale().is_some_and(|scale| scale != 1.0)),
+        offset: driver(band.offset().is_some_and(|offset| offset != 0.0)),
+        mask: driver(!matches!(validity, Validity::All)),
+    }
+}
+
+/// The coordinate system of a dataset, or of a `.prj` beside one that has a place and no system, and that file.
+fn spatial(
+    dataset: &Dataset,
+    path: &Path,
+    has_place: bool,
+    limits: &Limits,
+) -> Result<(Option<SpatialRef>, Option<Origin>)> {
+    let own = dataset.spatial_ref().ok();
+    if own.is_some() || !has_place {
+        return Ok((own, None));
+    }
+    Ok(match prj(path, limits)? {
+        Some((path, read)) => (Some(read), Some(Origin::Prj(file_name(&path)))),
+        None => (None, None),
+    })
+}
+
+/// The coordinate system in a `.prj` beside a raster, which GDAL passes over beside most formats.
+pub(in crate::source) fn prj(raster: &Path, limits: &Limits) -> Result<Option<(PathBuf, SpatialRef)>> {
+    let Some((path, text)) = account::prj_text(raster, limits)? else { return Ok(None) };
+    let read = SpatialRef::from_esri(&text).or_else(|_| SpatialRef::from_wkt(&text));
+    let wrong = |error: GdalError| Error::format("projection file", "a coordinate system", error).at(&path);
+    Ok(Some((path.clone(), read.map_err(wrong)?)))
+}
+
+/// The band of a number, which the dataset has.
+fn band_of<'a>(
+    dataset: &'a Dataset,
+    number: u32,
+    wrong: &dyn Fn(GdalError) -> Error,
+) -> Result<RasterBand<'a>> {
+    let count = u32::try_from(dataset.raster_count()).unwrap_or(u32::MAX);
+    if count > 0 && !(1..=count).contains(&number) {
+        return Err(no_band(number.wrapping_sub(1), count));
+    }
+    dataset.rasterband(number as usize).map_err(|error| {
+        let names = dataset.metadata_domain("SUBDATASETS").unwrap_or_default();
+        match names.iter().find_map(|line| line.split_once("_NAME=")) {
+            Some((_, name)) => {
+                Error::unsupported("several rasters in one file", format!("name one of them: {name}"))
+            }
+            None => wrong(error),
+        }
+    })
+}
+
+/// The first alpha band, from 1, unless that is the band itself.
+fn alpha(dataset: &Dataset, number: u32) -> Option<usize> {
+    let is_alpha = |&band: &usize| {
+        let band = dataset.rasterband(band);
+        band.is_ok_and(|band| band.color_interpretation() == ColorInterpretation::AlphaBand)
+    };
+    (1..=dataset.raster_count()).find(is_alpha).filter(|&alpha| alpha != number as usize)
+}
+
+fn validity(band: &RasterBand<'_>, alpha: Option<usize>, nodata: Option<f64>) -> Result<Validity, GdalError> {
+    let flags = band.mask_flags()?;
+    Ok(match alpha {
+        _ if flags.is_nodata() => Validity::All,
+        _ if !flags.is_all_valid() => Validity::Mask,
+        Some(alpha) if nodata.is_none() => Validity::Alpha(alpha),
+        _ => Validity::All,
+    })
+}
+
+/// What GDAL's driver takes to decode a block, and a mask; its cache of decoded ones is bounded apart.
+fn reading(block: (usize, usize), width: usize, sample_type: SampleType) -> ReadMemory {
+    let bytes = (block.0 as u64).saturating_mul(block.1 as u64).saturating_mul(sample_type.bytes() as u64);
+    let across = width.div_ceil(block.0.max(1)) as f64;
+    ReadMemory {
+        sample: sample_type.bytes() as u64 + 1,
+        column: across * bytes as f64 / width.max(1) as f64,
+        block: bytes,
+        thread: bytes.saturating_mul(2),
+    }
 }
 
 /// Width or height of a raster, checked.
@@ -78,7 +209,7 @@ fn sample_type(band: &RasterBand<'_>) -> Result<SampleType> {
 /// The coordinate system, and metres and name of the vertical unit if it has a vertical part.
 pub(super) fn crs(spatial: Option<&SpatialRef>) -> (Crs, Option<(f64, String)>) {
     let Some(spatial) = spatial else {
-        return (Crs { wkt: wkt::engineering(1.0), ..Crs::default() }, None);
+        return (srs::Definition::engineering(String::new(), 1.0).crs(), None);
     };
     let attribute = |path: &str, child| spatial.get_attr_value(path, child).ok().flatten();
     let code = |node| epsg_code(spatial, node);

@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::source::{FileStamp, Fingerprint, file_name};
 
 /// The files that a dataset says it is made of, the file itself first; of a VRT also those it refers to.
-pub(super) fn of(dataset: &Dataset, path: &Path) -> Vec<PathBuf> {
+pub(in crate::source) fn of(dataset: &Dataset, path: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     // SAFETY: the dataset is open; the list ends with a null pointer, its entries are C strings, and it is ours to free.
     #[expect(unsafe_code, reason = "the bindings have no safe call for it")]
@@ -30,7 +30,7 @@ pub(super) fn of(dataset: &Dataset, path: &Path) -> Vec<PathBuf> {
 
 /// Their stamps. A local file must be there. One of GDAL's virtual files has the stamp of the archive it lies in, or, if
 /// there is none, what GDAL says of it: length 0 once it is gone.
-pub(super) fn fingerprint(files: &[PathBuf]) -> Result<Fingerprint> {
+pub(in crate::source) fn fingerprint(files: &[PathBuf]) -> Result<Fingerprint> {
     let stamp = |path: &PathBuf| {
         if path.exists() {
             return FileStamp::of(path);

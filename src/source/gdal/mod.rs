@@ -1,12 +1,13 @@
 //! Any raster that GDAL opens, behind the feature `gdal`: other formats, and TIFFs with compressions not read natively.
 //!
-//! Band 1 is the elevation. GDAL's mask comes along where it says more than the nodata value does. A GDAL dataset
+//! Band 1 is the elevation unless another is asked for. GDAL's mask comes along where it says more than the nodata value does,
+//! or an alpha band in which GDAL sees no mask. A GDAL dataset
 //! serves one thread at a time, so reads are serialised; GDAL's own block cache keeps what bands share. GDAL's
 //! messages are not printed: they come back in the errors.
 
 mod blocks;
-mod describe;
-mod files;
+pub(super) mod describe;
+pub(super) mod files;
 mod operation;
 mod target;
 pub mod warp;
@@ -20,7 +21,7 @@ use gdal::Dataset;
 use gdal::errors::GdalError;
 use gdal::raster::{GdalType, RasterBand};
 
-use super::{Fingerprint, Samples, Source, SourceInfo, Window, check_window};
+use super::{Fingerprint, Origin, Samples, Source, SourceInfo, Window, check_window};
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
@@ -31,21 +32,43 @@ pub struct GdalSource {
     files: Vec<PathBuf>,
     info: SourceInfo,
     dataset: Mutex<Dataset>,
-    has_mask: bool,
+    /// Number of the band, from 1.
+    band: usize,
+    validity: Validity,
+}
+
+/// What says which samples are valid, besides the nodata value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Validity {
+    /// Nothing.
+    All,
+    /// GDAL's mask of the band.
+    Mask,
+    /// A band that is alpha, from 1: valid where it is not 0.
+    Alpha(usize),
 }
 
 impl GdalSource {
     /// Opens a raster and checks its size and type.
     pub fn open(path: &Path, limits: &Limits) -> Result<Self> {
+        Self::open_band(path, None, limits)
+    }
+
+    /// [`GdalSource::open`] of a band that is chosen, from 1.
+    pub fn open_band(path: &Path, chosen: Option<u32>, limits: &Limits) -> Result<Self> {
         let dataset = dataset(path)?;
-        let (info, has_mask) = describe::describe(&dataset, path, limits).map_err(|error| error.at(path))?;
-        let files = files::of(&dataset, path);
-        Ok(Self { path: path.to_owned(), files, info, dataset: Mutex::new(dataset), has_mask })
+        let (info, validity) =
+            describe::describe(&dataset, path, chosen, limits).map_err(|error| error.at(path))?;
+        let (mut files, band) = (files::of(&dataset, path), chosen.unwrap_or(1) as usize);
+        if let Some(Origin::Prj(name)) = &info.origins.crs {
+            files.push(path.with_file_name(name));
+        }
+        Ok(Self { path: path.to_owned(), files, info, dataset: Mutex::new(dataset), band, validity })
     }
 
     fn window(&self, columns: &Range<u32>, rows: &Range<u32>) -> Result<Window, GdalError> {
         let dataset = self.dataset.lock().unwrap_or_else(PoisonError::into_inner);
-        let band = dataset.rasterband(1)?;
+        let band = dataset.rasterband(self.band)?;
         let samples = match self.info.sample_type {
             // GDAL before 3.7 has no int8 and calls it a kind of byte; later ones convert to int16 exactly.
             SampleType::Int8 if band.band_type().name() == "Byte" => {
@@ -62,7 +85,15 @@ impl GdalSource {
             SampleType::Float32 => Samples::Float32(read(&band, columns, rows)?),
             SampleType::Float64 => Samples::Float64(read(&band, columns, rows)?),
         };
-        let mask = self.has_mask.then(|| read(&band.open_mask_band()?, columns, rows)).transpose()?;
+        let mask = match self.validity {
+            Validity::All => None,
+            Validity::Mask => Some(read(&band.open_mask_band()?, columns, rows)?),
+            Validity::Alpha(alpha) => {
+                let alpha = read::<f64>(&dataset.rasterband(alpha)?, columns, rows)?;
+                // NaN says nothing, least of all that a sample is valid.
+                Some(alpha.into_iter().map(|alpha| u8::from(alpha.abs() > 0.0)).collect())
+            }
+        };
         Ok(Window { samples, mask })
     }
 }
@@ -83,6 +114,10 @@ impl Source for GdalSource {
     fn fingerprint(&self) -> Result<Fingerprint> {
         files::fingerprint(&self.files)
     }
+
+    fn files(&self) -> Vec<PathBuf> {
+        self.files.clone()
+    }
 }
 
 /// Opens a raster, for reading only and for this caller only.
@@ -99,8 +134,13 @@ fn dataset(path: &Path) -> Result<Dataset> {
             }
         }
     });
-    Dataset::open(path).map_err(|error| {
-        let what = format!("GDAL cannot open it ({error})");
+    let name = super::open::for_gdal(path, &Limits::default()).map_err(|error| error.at(path))?;
+    Dataset::open(name).map_err(|error| {
+        let what = match error {
+            GdalError::NullPointer { msg, .. } if msg.is_empty() => "GDAL does not know it".to_owned(),
+            GdalError::NullPointer { msg, .. } => format!("GDAL cannot open it ({msg})"),
+            error => format!("GDAL cannot open it ({error})"),
+        };
         Error::unsupported(what, "see what gdalinfo says of it").at(path)
     })
 }

@@ -33,6 +33,8 @@ pub(super) struct Request {
     pub(super) nodata: f64,
     /// Type of the target's samples.
     pub(super) sample_type: SampleType,
+    /// Number of the source's band, from 1.
+    pub(super) band: c_int,
     /// Number of the source's alpha band; 0 if there is none.
     pub(super) alpha: c_int,
     /// Target samples of a source sample along each axis.
@@ -75,7 +77,7 @@ impl Operation {
             o.eResampleAlg = algorithm(request.resampling);
             o.eWorkingDataType = gdal_type(request.sample_type);
             o.nBandCount = 1;
-            o.panSrcBands = allocated(1);
+            o.panSrcBands = allocated(request.band);
             o.panDstBands = allocated(1);
             o.nSrcAlphaBand = request.alpha;
             if let Some(nodata) = request.source_nodata {

@@ -7,8 +7,9 @@ use std::sync::Arc;
 use gdal::Metadata;
 use gdal::spatial_ref::SpatialRef;
 
+use super::Validity;
 use super::blocks::Shared;
-use super::describe::describe;
+use super::describe::{self, describe};
 use super::operation::Request;
 use super::target::{Horizontal, Lattice, suggested};
 use super::warped::Warped;
@@ -19,7 +20,7 @@ use crate::limits::Limits;
 use crate::sample::SampleType;
 use crate::source::mosaic::Mosaic;
 use crate::source::warp::Warp;
-use crate::source::{OpenOptions, Part, Source, SourceInfo, stated};
+use crate::source::{OpenOptions, Part, ReadMemory, Source, SourceInfo, stated};
 
 /// Side of a block in samples of the target.
 const BLOCK: u32 = 128;
@@ -86,6 +87,10 @@ struct Original {
     files: Vec<PathBuf>,
     info: SourceInfo,
     spatial: Option<SpatialRef>,
+    /// True if that stands in a file of which GDAL knows nothing.
+    is_beside: bool,
+    /// Number of its band of heights, from 1.
+    band: i32,
     /// Number of its alpha band; 0 if there is none.
     alpha: i32,
     /// True if it has a place in the world, by a geotransform or otherwise.
@@ -95,20 +100,29 @@ struct Original {
 impl Original {
     fn open(path: &Path, options: &OpenOptions, limits: &Limits) -> Result<Self> {
         let dataset = dataset(path)?;
-        let (mut info, _) = describe(&dataset, path, limits)?;
+        let (mut info, validity) = describe(&dataset, path, options.band, limits)?;
         if options.nodata.is_some() {
             info.nodata = options.nodata;
         }
-        let alpha =
-            dataset.rasterband(1).and_then(|band| band.mask_flags()).is_ok_and(|flags| flags.is_alpha());
+        let band = options.band.unwrap_or(1) as usize;
+        let flags = dataset.rasterband(band).and_then(|band| band.mask_flags());
+        let alpha = match validity {
+            Validity::Alpha(alpha) => alpha,
+            Validity::Mask if flags.is_ok_and(|flags| flags.is_alpha()) => dataset.raster_count(),
+            _ => 0,
+        };
         let gcps = !dataset.gcps().is_empty();
         let spatial = dataset.spatial_ref().ok().or_else(|| dataset.gcp_spatial_ref());
+        let prj = if spatial.is_none() { describe::prj(path, limits)? } else { None };
+        let (spatial, is_beside) = (spatial.or_else(|| prj.as_ref().map(|prj| prj.1.clone())), prj.is_some());
         let located = |domain| dataset.metadata_domain(domain).is_some_and(|lines| !lines.is_empty());
         Ok(Self {
             path: path.to_owned(),
-            files: files::of(&dataset, path),
+            files: files::of(&dataset, path).into_iter().chain(prj.map(|prj| prj.0)).collect(),
             spatial,
-            alpha: if alpha { dataset.raster_count() as i32 } else { 0 },
+            is_beside,
+            band: band as i32,
+            alpha: alpha as i32,
             placed: info.geo.transform.is_some() || gcps || located("RPC") || located("GEOLOCATION"),
             info,
         })
@@ -135,7 +149,8 @@ impl Original {
             (None, None) => Ok((None, None)),
             (Some(own), Some(target)) => {
                 check_vertical(own, target)?;
-                Ok((own.stripped.then(|| own.wkt.clone()), Some(target.wkt.clone())))
+                let tell = own.stripped || self.is_beside;
+                Ok((tell.then(|| own.wkt.clone()), Some(target.wkt.clone())))
             }
         }
     }
@@ -171,10 +186,10 @@ fn ratio(target: u32, source: u32) -> f64 {
 /// value, NaN for floats without one, and for integers without one the next wider type and its lowest value.
 fn target_samples(own: &SourceInfo) -> Result<(SampleType, f64)> {
     use SampleType::{Float32, Float64, Int8, Int16, Int32, Uint8, Uint16, Uint32};
-    let fits =
-        |low: f64, high: f64| own.nodata.filter(|value| value.fract() == 0.0 && (low..=high).contains(value));
+    let void = own.voids().sample(own.sample_type);
+    let fits = |low: f64, high: f64| void.filter(|value| (low..=high).contains(value));
     let (low, high) = match own.sample_type {
-        Float32 | Float64 => return Ok((own.sample_type, own.nodata.unwrap_or(f64::NAN))),
+        Float32 | Float64 => return Ok((own.sample_type, void.unwrap_or(f64::NAN))),
         Int8 => (f64::from(i8::MIN), f64::from(i8::MAX)),
         Uint8 => (0.0, f64::from(u8::MAX)),
         Int16 => (f64::from(i16::MIN), f64::from(i16::MAX)),
@@ -228,6 +243,8 @@ fn warped_info(original: &Original, request: &Request, target: Option<&Horizonta
         parts: vec![part],
         description: format!("{}, warped ({})", own.description, request.resampling.name()),
         block_rows: side,
+        // A mask goes with what is warped; blocks that have been made are kept in a room of their own.
+        reading: ReadMemory { sample: request.sample_type.bytes() as u64 + 1, ..own.reading },
         ..own.clone()
     }
 }
@@ -274,9 +291,10 @@ fn warped(
         target_srs,
         lattice,
         resampling: warp.resampling,
-        source_nodata: own.nodata.or(own.sample_type.is_float().then_some(f64::NAN)),
+        source_nodata: own.voids().sample(own.sample_type).or(own.sample_type.is_float().then_some(f64::NAN)),
         nodata,
         sample_type,
+        band: original.band,
         alpha: original.alpha,
         scale,
     };

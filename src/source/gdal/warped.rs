@@ -94,6 +94,10 @@ impl Source for Warped {
     fn fingerprint(&self) -> Result<Fingerprint> {
         files::fingerprint(&self.files)
     }
+
+    fn files(&self) -> Vec<PathBuf> {
+        self.files.clone()
+    }
 }
 
 /// Copies some samples of a row; both must be of one type.

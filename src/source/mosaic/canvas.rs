@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::member::Member;
 use crate::error::{Error, Result};
 use crate::sample::SampleType;
-use crate::source::{Overlap, Rect, Samples, Window};
+use crate::source::{Nodata, Overlap, Rect, Samples, Window};
 
 /// A sample type.
 pub(super) trait Number: Copy + PartialOrd + Send + Sync + Default {
@@ -19,11 +19,6 @@ pub(super) trait Number: Copy + PartialOrd + Send + Sync + Default {
     fn pack(samples: Vec<Self>) -> Samples;
     /// The samples, if they are of this type.
     fn unpack(samples: &Samples) -> Option<&[Self]>;
-
-    /// The number that equals a value, if there is one.
-    fn exact(value: f64) -> Option<Self> {
-        Some(Self::nearest(value)).filter(|number| number.value() == value)
-    }
 }
 
 macro_rules! number {
@@ -103,12 +98,6 @@ macro_rules! with_number {
     };
 }
 
-/// True if samples of this type can have a value (NaN too, of floats).
-pub(super) fn holds(kind: SampleType, value: f64) -> bool {
-    let exact = with_number!(kind, T => T::exact(value).is_some());
-    exact || value.is_nan() && kind.is_float()
-}
-
 /// True if a type has every value of another.
 pub(crate) fn holds_all(wide: SampleType, narrow: SampleType) -> bool {
     // Bits of a whole number that a type holds, and whether it has a sign.
@@ -166,8 +155,8 @@ impl<T: Number> Canvas<T> {
         })
     }
 
-    /// Adds what a member has of the window; samples that equal `nodata` are void.
-    pub(super) fn paint(&mut self, member: &Member, window: &Window, nodata: Option<T>) {
+    /// Adds what a member has of the window; samples of the result that `nodata` stands for are void.
+    pub(super) fn paint(&mut self, member: &Member, window: &Window, nodata: Nodata) {
         let area = member.common(&self.area.columns, &self.area.rows);
         let width = area.columns.len();
         let (mut at, stride) = (
@@ -178,12 +167,9 @@ impl<T: Number> Canvas<T> {
         let mut row = Row { samples: Vec::new(), values: Vec::new(), valid: vec![0; width] };
         for y in 0..area.rows.len() {
             let own = y * width..(y + 1) * width;
-            row.take_validity(window, &own, member.nodata);
+            row.take_validity(window, &own, member.voids);
             row.take_samples(member, &window.samples, &own);
-            if let Some(nodata) = nodata {
-                let valid = row.samples.iter().zip(&mut row.valid);
-                valid.for_each(|(&sample, valid)| *valid &= u8::from(sample != nodata));
-            }
+            hide(&row.samples, nodata, &mut row.valid);
             self.add(at, &row.samples, &row.valid);
             at += stride;
         }
@@ -239,10 +225,13 @@ fn put<'a, T: Number + 'a>(
 
 impl<T: Number> Row<T> {
     /// 1 where a sample of a member is valid.
-    fn take_validity(&mut self, window: &Window, own: &Range<usize>, nodata: Option<f64>) {
+    fn take_validity(&mut self, window: &Window, own: &Range<usize>, nodata: Nodata) {
         with_number!(window.samples.sample_type(), S => {
             if let Some(samples) = S::unpack(&window.samples) {
-                check(&samples[own.clone()], nodata.and_then(S::exact), &mut self.valid);
+                let samples = &samples[own.clone()];
+                let places = samples.iter().zip(&mut self.valid);
+                places.for_each(|(&sample, valid)| *valid = u8::from(sample.is_finite()));
+                hide(samples, nodata, &mut self.valid);
             }
         });
         if let Some(mask) = &window.mask {
@@ -274,16 +263,12 @@ impl<T: Number> Row<T> {
     }
 }
 
-/// 1 where a sample is finite and not the void value.
-fn check<S: Number>(samples: &[S], nodata: Option<S>, valid: &mut [u8]) {
-    let places = samples.iter().zip(valid);
-    match nodata {
-        Some(nodata) => {
-            places.for_each(|(&sample, valid)| {
-                *valid = u8::from(sample.is_finite()) & u8::from(sample != nodata);
-            });
-        }
-        None => places.for_each(|(&sample, valid)| *valid = u8::from(sample.is_finite())),
+/// 0 where `nodata` stands for a sample.
+fn hide<S: Number>(samples: &[S], nodata: Nodata, valid: &mut [u8]) {
+    for (low, high) in nodata.near().into_iter().chain(nodata.far()) {
+        let (low, high) = (S::nearest(low), S::nearest(high));
+        let places = samples.iter().zip(valid.iter_mut());
+        places.for_each(|(&sample, valid)| *valid &= u8::from(!(low..=high).contains(&sample)));
     }
 }
 

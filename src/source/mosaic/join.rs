@@ -4,30 +4,34 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::member::{Held, Member, Opener, Scaled};
-use super::{Assembly, Mosaic, canvas, lattice, same};
+use super::{AHEAD, Assembly, Mosaic, canvas, lattice, same};
 use crate::error::Result;
 use crate::geo::Geo;
 use crate::limits::Limits;
 use crate::sample::SampleType;
-use crate::source::{OpenOptions, Overlap, Part, Rect, Source, SourceInfo, metadata};
+use crate::source::{
+    Nodata, OpenOptions, Origin, Origins, Overlap, Part, ReadMemory, Rect, Source, SourceInfo, metadata, warn,
+};
 
 /// A raster that is to become part of a mosaic.
 pub struct Piece {
     /// Its file.
     pub path: PathBuf,
     pub(crate) info: SourceInfo,
+    pub(crate) files: Vec<PathBuf>,
     pub(crate) held: Held,
 }
 
 impl Piece {
     /// A raster that stays open.
     pub fn held(path: PathBuf, source: Box<dyn Source>) -> Self {
-        Self { path, info: source.info().clone(), held: Held::Open(Arc::from(source)) }
+        let (info, files) = (source.info().clone(), source.files());
+        Self { path, info, files, held: Held::Open(Arc::from(source)) }
     }
 
-    /// A raster that is opened when it is needed; `info` is what it is.
-    pub(crate) fn lazy(path: PathBuf, info: SourceInfo, open: Opener) -> Self {
-        Self { path, info, held: Held::Lazy(open) }
+    /// A raster that is opened again when it is needed; `source` is what it is now.
+    pub(crate) fn lazy(path: PathBuf, source: &dyn Source, open: Opener) -> Self {
+        Self { path, info: source.info().clone(), files: source.files(), held: Held::Lazy(open) }
     }
 
     fn named(&self) -> (&Path, &SourceInfo) {
@@ -88,9 +92,14 @@ impl Mosaic {
             Scales::Different => SampleType::Float64,
         };
         let nodata: Vec<Option<f64>> = infos().map(|info| effective_nodata(info, options)).collect();
-        let common = common_nodata(&nodata).filter(|_| scales != Scales::Different);
+        // Only where no member has a valid sample that it stands for in the type of all.
+        let alike =
+            |value: &f64| infos().all(|info| Nodata::is_alike(Some(*value), info.sample_type, sample_type));
+        let common = common_nodata(&nodata).filter(|_| scales != Scales::Different).filter(alike);
         let (band_scale, band_offset) =
             if let Scales::Same(scale, offset) = scales { (scale, offset) } else { (1.0, 0.0) };
+        let mut warnings = warn::joined(infos().map(|info| &info.warnings[..]));
+        warnings.extend(lattice::far_apart(&lattice, &rasters));
         let crs = infos().next().map(|info| info.geo.crs.clone()).unwrap_or_default();
         let info = SourceInfo {
             width: lattice.width,
@@ -115,6 +124,9 @@ impl Mosaic {
             footprint: None,
             overlap: None,
             block_rows: infos().map(|info| info.block_rows).max().unwrap_or(1),
+            reading: reading(sample_type, options.overlap, infos()),
+            warnings,
+            origins: origins(&pieces, options),
         };
         let members = pieces.into_iter().zip(lattice.rects).zip(nodata).map(|((piece, rect), nodata)| {
             let own = (piece.info.band_scale, piece.info.band_offset);
@@ -125,6 +137,29 @@ impl Mosaic {
         let overlap = options.overlap;
         Ok(Self::assemble(Assembly { info, members, overlap, nodata_of_all: false, beside: Vec::new() }))
     }
+}
+
+/// Memory that reading a mosaic takes: samples and what is known of them, and those of members that are read ahead.
+pub(crate) fn reading<'a>(
+    sample_type: SampleType,
+    overlap: Overlap,
+    infos: impl Iterator<Item = &'a SourceInfo>,
+) -> ReadMemory {
+    // A sum and a count, aligned.
+    let sums = if overlap == Overlap::Mean { 16 } else { 0 };
+    let members = infos.map(|info| info.reading).fold(ReadMemory::default(), ReadMemory::or);
+    let sample =
+        (sample_type.bytes() as u64 + 1 + sums).saturating_add(members.sample.saturating_mul(AHEAD as u64));
+    ReadMemory { sample, ..members }
+}
+
+/// Where what is known of the files was found.
+fn origins(pieces: &[Piece], options: &OpenOptions) -> Origins {
+    let mut joined = Origins::joined(pieces.iter().map(|piece| &piece.info.origins));
+    if options.nodata.is_some() {
+        joined.nodata = Some(Origin::User);
+    }
+    joined
 }
 
 /// A piece in its place.
@@ -158,8 +193,10 @@ pub(crate) fn member(
         rect,
         origin,
         nodata,
+        voids: Nodata::new(nodata, info.sample_type),
         scaled,
         footprint,
+        files: piece.files,
         held: piece.held,
     }
 }

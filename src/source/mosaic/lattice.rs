@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::geo::CrsKind;
 use crate::limits::Limits;
-use crate::source::{Rect, SourceInfo};
+use crate::source::{Rect, SourceInfo, advice, file_name};
 
 /// How far a sample may stand from its place on the lattice, in pixels. Geotransforms are written with few digits:
 /// what they say of the far end of a raster is off by more than of its origin.
@@ -68,6 +69,41 @@ pub(super) fn of(rasters: &[(&Path, &SourceInfo)], limits: &Limits) -> Result<La
     });
     let transform = origin(reference, &placed, &origins, (west, north));
     Ok(Lattice { transform, width, height, rects: rects.collect() })
+}
+
+/// A warning if rasters in degrees lie at both ends of the globe with little but void between them.
+pub(super) fn far_apart(lattice: &Lattice, rasters: &[(&Path, &SourceInfo)]) -> Option<String> {
+    let (_, first) = rasters.first()?;
+    let [west, step, ..] = lattice.transform;
+    let degree = 1.0_f64.to_radians() / first.geo.crs.unit;
+    let degrees = |columns: u32| f64::from(columns) * step.abs() / degree;
+    if first.geo.crs.kind != CrsKind::Geographic || degrees(lattice.width) < 180.0 {
+        return None;
+    }
+    // The widest gap between the columns of all.
+    let mut columns: Vec<_> = lattice.rects.iter().map(|rect| rect.columns.clone()).collect();
+    columns.sort_by_key(|columns| columns.start);
+    let (mut end, mut gap) = (0, 0..0);
+    for columns in columns {
+        if columns.start > end && columns.start - end > gap.end - gap.start {
+            gap = end..columns.start;
+        }
+        end = end.max(columns.end);
+    }
+    let name = file_name(rasters.first()?.0);
+    let longitude = |column: u32| west / degree + degrees(column);
+    (degrees(gap.end - gap.start) > 180.0).then(|| {
+        format!(
+            "{name} and {} more: nothing but void from longitude {:.0} to {:.0}, {:.0} of the {:.0} degrees of the mosaic; do its \
+             files lie on both sides of 180 degrees? Build each side on its own, or {}",
+            rasters.len() - 1,
+            longitude(gap.start),
+            longitude(gap.end),
+            degrees(gap.end - gap.start),
+            degrees(lattice.width),
+            advice::CRS
+        )
+    })
 }
 
 fn placed<'a>(path: &'a Path, info: &SourceInfo) -> Result<Placed<'a>> {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::sample::SampleType;
-use crate::source::{Rect, Source, SourceInfo};
+use crate::source::{Nodata, Rect, Source, SourceInfo};
 
 /// Opens a raster again.
 pub(crate) type Opener = Box<dyn Fn() -> Result<Box<dyn Source>> + Send + Sync>;
@@ -53,10 +53,14 @@ pub(crate) struct Member {
     pub(crate) sample_type: SampleType,
     /// The value that means void in it.
     pub(crate) nodata: Option<f64>,
+    /// The samples that it stands for.
+    pub(crate) voids: Nodata,
     /// How its samples change.
     pub(crate) scaled: Option<Scaled>,
     /// Where in the mosaic it can have valid samples.
     pub(crate) footprint: Vec<Rect>,
+    /// Every file of it that is read.
+    pub(crate) files: Vec<PathBuf>,
     /// Its samples.
     pub(crate) held: Held,
 }

@@ -6,7 +6,7 @@
 //! as ten, and each decodes no block twice in a sweep (see `pool` for the one exception).
 //!
 //! A void never hides a valid sample, whatever the order. Samples come in the narrowest type that holds those of all
-//! members exactly. What is void is one of three: equal to the nodata value that all members share, NaN in floats, or
+//! members exactly. What is void is one of three: what the nodata value that all members share stands for, NaN in floats, or
 //! masked out where integers come with different nodata values.
 
 mod canvas;
@@ -26,11 +26,11 @@ pub(crate) use self::canvas::holds_all;
 use self::canvas::{Canvas, Number};
 use self::index::Index;
 pub use self::join::Piece;
-pub(crate) use self::join::{Rule, common_nodata, kinds, member, parts, vertical_unit};
+pub(crate) use self::join::{Rule, common_nodata, kinds, member, parts, reading, vertical_unit};
 pub(crate) use self::member::{Member, Scaled};
 use self::pool::Pool;
-pub(crate) use self::same::{same_crs, same_unit};
-use super::{FileStamp, Fingerprint, Overlap, Rect, Source, SourceInfo, Window, check_window};
+pub(crate) use self::same::{crs_name, same_crs, same_unit};
+use super::{FileStamp, Fingerprint, Nodata, Overlap, Rect, Source, SourceInfo, Window, check_window};
 use crate::error::Result;
 use crate::sample::SampleType;
 
@@ -73,8 +73,7 @@ impl Mosaic {
         info.footprint = footprint(&info, &members);
         info.overlap = (members.len() > 1).then_some(overlap);
         let index = Index::new(info.height, &members);
-        let in_band = |value: &f64| canvas::holds(info.sample_type, *value);
-        let fill = info.nodata.filter(in_band).or(info.sample_type.is_float().then_some(f64::NAN));
+        let fill = info.voids().sample(info.sample_type).or(info.sample_type.is_float().then_some(f64::NAN));
         Self { info, members, index, pool: Pool::default(), overlap, fill, nodata_of_all, beside }
     }
 
@@ -86,7 +85,7 @@ impl Mosaic {
         wanted: &[usize],
     ) -> Result<Window> {
         let mut canvas = Canvas::<T>::new(columns, rows, self.overlap, self.fill)?;
-        let nodata = self.info.nodata.filter(|_| self.nodata_of_all).and_then(T::exact);
+        let nodata = if self.nodata_of_all { self.info.voids() } else { Nodata::NONE };
         let mut rest = wanted;
         while !rest.is_empty() {
             let (batch, later) = rest.split_at(self.batch(rest, columns, rows));
@@ -155,6 +154,11 @@ impl Source for Mosaic {
             files.extend(stamps.map_err(|error| error.at(&member.path))?.files);
         }
         Ok(Fingerprint { files })
+    }
+
+    fn files(&self) -> Vec<PathBuf> {
+        let of_members = self.members.iter().flat_map(|member| &member.files);
+        self.beside.iter().chain(of_members).cloned().collect()
     }
 
     fn release(&self) {

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 use super::member::{Held, Member};
 use crate::error::Result;
@@ -14,6 +14,16 @@ use crate::source::Source;
 /// meet more members, those beyond are opened for every window anew, and decode the blocks that windows share again.
 const MOST: usize = 200;
 
+/// [`MOST`], or what the process may open if that is less: half of what is left beside the files that are written, as a raster may have
+/// a mask beside it.
+static MOST_HERE: LazyLock<usize> = LazyLock::new(|| match crate::file::most_open() {
+    Some(most) => usize::try_from(most.saturating_sub(OTHERS) / 2).unwrap_or(MOST).clamp(1, MOST),
+    None => MOST,
+});
+
+/// Files that are open beside those of mosaics.
+const OTHERS: u64 = 40;
+
 /// Files kept open now.
 static KEPT: AtomicUsize = AtomicUsize::new(0);
 
@@ -22,7 +32,8 @@ struct Permit;
 
 impl Permit {
     fn take() -> Option<Self> {
-        let more = |kept| (kept < MOST).then_some(kept + 1);
+        let most = *MOST_HERE;
+        let more = |kept| (kept < most).then_some(kept + 1);
         KEPT.fetch_update(Ordering::Relaxed, Ordering::Relaxed, more).ok().map(|_| Self)
     }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind};
-use crate::source::SourceInfo;
+use crate::source::{SourceInfo, srs};
 
 /// How much two numbers that mean the same may differ in files, as a share.
 const ROUNDING: f64 = 1e-9;
@@ -13,16 +13,16 @@ const ROUNDING: f64 = 1e-9;
 pub(crate) fn same_crs(a: (&Path, &SourceInfo), b: (&Path, &SourceInfo)) -> Result<()> {
     let (one, other) = (&a.1.geo.crs, &b.1.geo.crs);
     let vertical = one.vertical_epsg.zip(other.vertical_epsg);
-    if are_same(one, other) && vertical.is_none_or(|(one, other)| one == other) {
+    if srs::are_same(one, other) && vertical.is_none_or(|(one, other)| one == other) {
         return Ok(());
     }
     Err(Error::usage(format!(
         "{}: its coordinate system is {}, that of {} is {}; give --crs to bring both into one (in a build with \
          --features gdal), or gdal_edit.py -a_srs if a file is wrong about itself",
         b.0.display(),
-        name(other),
+        crs_name(other),
         a.0.display(),
-        name(one)
+        crs_name(one)
     )))
 }
 
@@ -45,33 +45,12 @@ pub(crate) fn same_unit(a: (&Path, &SourceInfo), b: (&Path, &SourceInfo)) -> Res
     )))
 }
 
-/// Horizontal parts that mean the same: by EPSG code; by name and measures if one has no code; of two without, by all
-/// that the files say. A raster without any coordinate system is like no other than its kind.
-pub(crate) fn are_same(a: &Crs, b: &Crs) -> bool {
-    if a.kind != b.kind || !near(a.unit, b.unit) {
-        return false;
-    }
-    if a.kind == CrsKind::Engineering {
-        return a.name == b.name;
-    }
-    let ellipsoids = near(a.ellipsoid.a, b.ellipsoid.a)
-        && near(a.ellipsoid.inverse_flattening, b.ellipsoid.inverse_flattening);
-    match (a.epsg, b.epsg) {
-        (Some(a), Some(b)) => a == b,
-        (None, None) => {
-            let keys = a.keys.is_some() && a.keys == b.keys;
-            keys || !a.wkt.is_empty() && a.wkt == b.wkt
-        }
-        _ => ellipsoids && !a.name.is_empty() && a.name.eq_ignore_ascii_case(&b.name),
-    }
-}
-
 fn near(a: f64, b: f64) -> bool {
     (a - b).abs() <= ROUNDING * a.abs().max(b.abs())
 }
 
 /// A coordinate system, for people.
-pub(crate) fn name(crs: &Crs) -> String {
+pub(crate) fn crs_name(crs: &Crs) -> String {
     match (crs.epsg, crs.vertical_epsg, crs.name.as_str()) {
         (Some(code), Some(vertical), _) => format!("EPSG:{code}+{vertical}"),
         (Some(code), None, _) => format!("EPSG:{code}"),

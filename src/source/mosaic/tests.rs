@@ -37,6 +37,9 @@ fn flat(x: f64, y: f64, side: u32, value: i16) -> Flat {
         footprint: None,
         overlap: None,
         block_rows: 1,
+        reading: crate::source::ReadMemory::plain(2),
+        warnings: Vec::new(),
+        origins: crate::source::Origins::default(),
     };
     Flat(info, value)
 }
@@ -44,8 +47,8 @@ fn flat(x: f64, y: f64, side: u32, value: i16) -> Flat {
 fn grid(side: u32, count: u32) -> Mosaic {
     let pieces = (0..count * count).map(|index| {
         let (x, y) = (f64::from(index % count * side), f64::from(index / count * side));
-        let info = flat(x, y, side, 0).0;
-        Piece::lazy(PathBuf::new(), info, Box::new(move || Ok(Box::new(flat(x, y, side, index as i16)))))
+        let now = flat(x, y, side, 0);
+        Piece::lazy(PathBuf::new(), &now, Box::new(move || Ok(Box::new(flat(x, y, side, index as i16)))))
     });
     Mosaic::of(pieces.collect(), &OpenOptions::default(), &Limits::default()).expect("mosaic")
 }

@@ -1,16 +1,23 @@
 //! A picture made of blocks: windows of converted pixels, put together from blocks that the cache remembers.
 
 use std::ops::Range;
+use std::path::PathBuf;
 use std::sync::Arc;
+
+use rayon::prelude::*;
 
 use super::cache::Cache;
 use super::convert::{Plane, Recipe};
-use super::{Memory, Picture, PictureInfo, PictureNote, Pixels};
+use super::{Memory, Picture, PictureInfo, PictureNote, Pixels, check_opening, stretch};
 use crate::error::{Error, Result};
 use crate::geo::Geo;
+use crate::limits::Limits;
 use crate::sample::SampleType;
-use crate::source::Fingerprint;
+use crate::source::{FileStamp, Fingerprint};
 use crate::texel::Colour;
+
+/// Blocks of a picture that are looked at to know how its alpha is meant.
+const ALPHA_BLOCKS: usize = 64;
 
 /// How a raster is cut into blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,7 +49,11 @@ pub(super) trait Blocks: Send + Sync {
     /// Samples of these bands (from 0), `block_width` in a row. Rows below the raster may be missing.
     fn read(&self, block: usize, bands: &[usize]) -> Result<Raw>;
     /// The files behind it.
-    fn fingerprint(&self) -> Result<Fingerprint>;
+    fn files(&self) -> Vec<PathBuf>;
+    /// Their states.
+    fn fingerprint(&self) -> Result<Fingerprint> {
+        Ok(Fingerprint { files: self.files().iter().map(|path| FileStamp::of(path)).collect::<Result<_>>()? })
+    }
     /// The error with the name of the file.
     fn locate(&self, error: Error) -> Error;
 }
@@ -57,6 +68,12 @@ pub(super) struct Parts {
     pub(super) has_alpha: bool,
     /// A raster of the same size, 0 where the picture is transparent.
     pub(super) mask: Option<(Box<dyn Blocks>, Recipe)>,
+    /// Files beside it that say what it is.
+    pub(super) beside: Vec<PathBuf>,
+    /// True if a world file says where it lies.
+    pub(super) placed_beside: bool,
+    /// What looks wrong with it, a sentence each.
+    pub(super) warnings: Vec<String>,
 }
 
 /// Blocks and what becomes of them.
@@ -73,6 +90,7 @@ pub(super) struct BlockPicture {
     info: PictureInfo,
     layer: Layer,
     mask: Option<Layer>,
+    beside: Vec<PathBuf>,
 }
 
 impl Shape {
@@ -116,6 +134,7 @@ impl Layer {
         let converted = self.recipe.channels() as u64 + u64::from(self.recipe.hides());
         Memory {
             reading: pixels.saturating_mul(2 * decoded + converted),
+            block: pixels.saturating_mul(converted),
             kept: pixels.saturating_mul(shape.blocks() as u64).saturating_mul(converted),
         }
     }
@@ -210,9 +229,11 @@ impl BlockPicture {
                 has_alpha: parts.has_alpha,
                 geo: parts.geo,
                 note: parts.note,
+                warnings: parts.warnings,
             },
             layer: Layer::new(parts.blocks, parts.recipe, cache),
             mask: parts.mask.map(|(blocks, recipe)| Layer::new(blocks, recipe, cache)),
+            beside: parts.beside,
         }
     }
 
@@ -227,8 +248,13 @@ impl BlockPicture {
         self.layer.blocks.shape().blocks()
     }
 
-    /// Values of each colour band at opaque pixels of a block, about `most` of them.
-    pub(super) fn values(&self, block: usize, most: usize) -> Result<Vec<Vec<f64>>> {
+    /// How many pixels there are.
+    pub(super) fn pixels(&self) -> u64 {
+        u64::from(self.info.width) * u64::from(self.info.height)
+    }
+
+    /// Values of each colour band at opaque pixels of a block, about `most` of them; `None`: the least and the greatest.
+    pub(super) fn values(&self, block: usize, most: Option<usize>) -> Result<Vec<Vec<f64>>> {
         let (layer, shape) = (&self.layer, self.layer.blocks.shape());
         let recipe = &layer.recipe;
         let mut values = vec![Vec::new(); recipe.colours.len()];
@@ -238,7 +264,7 @@ impl BlockPicture {
         let (columns, rows) = shape.window(block);
         let mask = self.mask.as_ref().map(|mask| mask.window(&columns, &rows)).transpose()?;
         layer.raw(block, |planes, count| {
-            let step = (columns.len() * rows.len()).div_ceil(most.max(1));
+            let step = most.map_or(1, |most| (columns.len() * rows.len()).div_ceil(most.max(1)));
             let mut hidden = recipe.hidden(planes, count).unwrap_or_else(|| vec![false; count]);
             if recipe.alpha.is_some() {
                 planes[recipe.colours.len()]
@@ -254,12 +280,46 @@ impl BlockPicture {
                 plane.each(recipe.kind, |index, value| {
                     // Rows are shifted against each other, so that no column is left out.
                     if (index + index / width * 7).is_multiple_of(step) && value.is_finite() && shown(index) {
-                        values.push(value);
+                        match (most, &mut values[..]) {
+                            (None, [least, greatest]) => {
+                                (*least, *greatest) = (least.min(value), greatest.max(value));
+                            }
+                            (None, _) => values.extend([value, value]),
+                            _ => values.push(value),
+                        }
                     }
                 });
             }
         })?;
         Ok(values)
+    }
+
+    /// Looks at alpha of 16 bits, of which some writers use the lower 8 only: a picture that is nowhere more opaque than that was
+    /// meant to be opaque there. A few blocks tell.
+    pub(super) fn settle_alpha(&mut self, limits: &Limits) -> Result<()> {
+        let layer = &self.layer;
+        if layer.recipe.alpha.is_none() || layer.recipe.kind != SampleType::Uint16 {
+            return Ok(());
+        }
+        check_opening(self, 0, limits)?;
+        let (blocks, at) = (self.blocks(), layer.recipe.colours.len());
+        let chosen = blocks.min(ALPHA_BLOCKS);
+        let greatest = |n: usize| {
+            let block = stretch::spread(n, chosen, blocks);
+            if layer.blocks.is_absent(block, &layer.bands) {
+                return Ok(0.0);
+            }
+            layer.raw(block, |planes, _| {
+                let mut greatest = 0.0_f64;
+                planes[at].each(SampleType::Uint16, |_, value| greatest = greatest.max(value));
+                greatest
+            })
+        };
+        let all: Vec<f64> = (0..chosen).into_par_iter().map(greatest).collect::<Result<_>>()?;
+        if (1.0..=255.0).contains(&all.into_iter().fold(0.0, f64::max)) {
+            self.layer.recipe.opaque = 255.0;
+        }
+        Ok(())
     }
 
     /// Takes the values that become 0 and 255.
@@ -301,7 +361,11 @@ impl Picture for BlockPicture {
 
     fn memory(&self) -> Memory {
         let (own, mask) = (self.layer.memory(), self.mask.as_ref().map(Layer::memory).unwrap_or_default());
-        Memory { reading: own.reading.max(mask.reading), kept: own.kept.saturating_add(mask.kept) }
+        Memory {
+            reading: own.reading.max(mask.reading),
+            block: own.block.max(mask.block),
+            kept: own.kept.saturating_add(mask.kept),
+        }
     }
 
     fn keep(&self, bytes: u64) {
@@ -314,6 +378,18 @@ impl Picture for BlockPicture {
             let beside = mask.blocks.fingerprint()?.files;
             all.files.extend(beside.into_iter().filter(|file| !all.files.contains(file)).collect::<Vec<_>>());
         }
+        for path in &self.beside {
+            all.files.push(FileStamp::of(path)?);
+        }
         Ok(all)
+    }
+
+    fn files(&self) -> Vec<PathBuf> {
+        let layers = std::iter::once(&self.layer).chain(&self.mask);
+        let mut all: Vec<PathBuf> = layers.flat_map(|layer| layer.blocks.files()).collect();
+        all.extend(self.beside.iter().cloned());
+        all.sort();
+        all.dedup();
+        all
     }
 }

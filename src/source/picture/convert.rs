@@ -2,6 +2,7 @@
 
 use super::Pixels;
 use crate::sample::SampleType;
+use crate::source::Nodata;
 
 /// What becomes of the bands of a picture.
 #[derive(Clone, Debug)]
@@ -14,14 +15,16 @@ pub(super) struct Recipe {
     pub(super) colours: Vec<usize>,
     /// The band that is alpha, from 0, or a mask.
     pub(super) alpha: Option<usize>,
+    /// The sample of alpha that is opaque, where alpha has 16 bits: 65535, or 255 of files whose writer kept to bytes.
+    pub(super) opaque: f64,
     /// True if colours were multiplied by it.
     pub(super) premultiplied: bool,
     /// Colours that the one band chooses from.
     pub(super) palette: Option<Vec<[u8; 3]>>,
     /// True if 0 is white.
     pub(super) inverted: bool,
-    /// The value of pixels that are not there.
-    pub(super) nodata: Option<f64>,
+    /// The value of pixels that are not there, in each colour band.
+    pub(super) nodata: Option<Vec<f64>>,
     /// Values that become 0 and 255; empty for bytes as they are.
     pub(super) ramps: Vec<(f64, f64)>,
 }
@@ -154,10 +157,11 @@ impl Recipe {
         if self.nodata.is_none() && !self.kind.is_float() {
             return None;
         }
-        let nodata = self.nodata.unwrap_or(f64::NAN);
         let mut hidden = vec![true; count];
-        for plane in planes.iter().take(self.colours.len()) {
-            plane.each(self.kind, |index, value| hidden[index] &= value == nodata || value.is_nan());
+        for (band, plane) in planes.iter().take(self.colours.len()).enumerate() {
+            let value = self.nodata.as_ref().and_then(|values| values.get(band)).copied();
+            let nodata = Nodata::new(value, self.kind);
+            plane.each(self.kind, |index, value| hidden[index] &= nodata.is(value) || value.is_nan());
         }
         Some(hidden)
     }
@@ -166,7 +170,7 @@ impl Recipe {
     pub(super) fn opacity(&self, value: f64) -> u8 {
         match self.kind {
             SampleType::Uint8 if !self.is_bit => value as u8,
-            SampleType::Uint16 => (value / 257.0 + 0.5) as u8,
+            SampleType::Uint16 => (value * 255.0 / self.opaque + 0.5) as u8,
             _ if value > 0.0 => 255,
             _ => 0,
         }
@@ -195,6 +199,7 @@ mod tests {
             is_bit: false,
             colours: colours.to_vec(),
             alpha: None,
+            opaque: 65535.0,
             premultiplied: false,
             palette: None,
             inverted: false,
@@ -207,7 +212,7 @@ mod tests {
     fn a_pixel_is_hidden_where_all_colours_are_nodata() {
         let samples = [0_u8, 0, 0, 7, 0, 0, 1, 2, 3];
         let planes = [0, 1, 2].map(|first| Plane { bytes: &samples, first, stride: 3 });
-        let recipe = Recipe { nodata: Some(0.0), ..recipe(SampleType::Uint8, &[0, 1, 2]) };
+        let recipe = Recipe { nodata: Some(vec![0.0; 3]), ..recipe(SampleType::Uint8, &[0, 1, 2]) };
         let pixels = recipe.pixels(&planes, 3);
         assert_eq!((&pixels.colour[..], pixels.alpha), (&samples[..], Some(vec![0, 255, 255])));
     }

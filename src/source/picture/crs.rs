@@ -1,23 +1,14 @@
 //! Whether two coordinate systems are the same, as far as files tell.
 
 use crate::geo::{Crs, CrsKind};
+use crate::source::srs;
 
 /// True if coordinates of one are coordinates of the other.
 pub(super) fn same(a: &Crs, b: &Crs) -> bool {
-    if let (Some(a), Some(b)) = (a.epsg, b.epsg) {
-        return a == b;
-    }
     if is_unknown(a) || is_unknown(b) {
         return is_unknown(a) && is_unknown(b);
     }
-    let close = |x: f64, y: f64| (x - y).abs() <= 1e-7 * x.abs().max(y.abs());
-    let alike = a.kind == b.kind
-        && close(a.unit, b.unit)
-        && close(a.ellipsoid.a, b.ellipsoid.a)
-        && close(a.ellipsoid.inverse_flattening, b.ellipsoid.inverse_flattening);
-    // Of a user-defined projection the keys or the text hold the parameters; longitudes and latitudes have none.
-    let keys = a.keys.is_some() && a.keys == b.keys;
-    alike && (keys || (!a.wkt.is_empty() && a.wkt == b.wkt) || plain(&a.name) == plain(&b.name))
+    srs::are_same(a, b)
 }
 
 /// True if nothing is known of it but its unit.
@@ -36,24 +27,20 @@ pub(super) fn name(crs: &Crs) -> String {
     }
 }
 
-/// Letters and digits of a name: `NAD83 / UTM zone 12N` and `NAD83_UTM_zone_12N` are one.
-fn plain(name: &str) -> String {
-    name.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn codes_decide_and_names_where_there_are_none() {
-        let utm = Crs { kind: CrsKind::Projected, epsg: Some(32612), name: "a".into(), ..Crs::default() };
-        let other = Crs { epsg: Some(32613), ..utm.clone() };
-        assert!(same(&utm, &Crs { name: "b".into(), ..utm.clone() }) && !same(&utm, &other));
-        let own = Crs { epsg: None, name: "NAD83 / UTM zone 12N".into(), ..utm.clone() };
-        assert!(same(&own, &Crs { name: "NAD83_UTM_zone_12N".into(), ..own.clone() }));
+    fn what_they_define_decides_and_no_name() {
+        let utm = srs::read("EPSG:32612").expect("code");
+        let same_name = Crs { name: utm.name.clone(), ..srs::read("EPSG:32613").expect("code") };
+        assert!(same(&utm, &Crs { name: "b".into(), ..utm.clone() }) && !same(&utm, &same_name));
+        let own = srs::read("+proj=utm +zone=12 +datum=WGS84").expect("PROJ");
+        assert!(own.epsg.is_none() && same(&own, &utm));
         assert!(!same(&own, &Crs { unit: 0.3048, ..own.clone() }));
-        assert!(!same(&own, &Crs { name: "NAD27 / UTM zone 12N".into(), ..own.clone() }));
+        let other = srs::read("+proj=utm +zone=12 +datum=NAD27").expect("PROJ");
+        assert!(!same(&own, &Crs { name: own.name.clone(), ..other }));
         assert!(same(&Crs::default(), &Crs::default()) && !same(&Crs::default(), &utm));
     }
 }

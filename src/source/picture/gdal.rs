@@ -17,13 +17,15 @@ use zerocopy::{Immutable, IntoBytes};
 
 use super::blocks::{Blocks, Parts, Raw, Shape};
 use super::convert::Recipe;
-use super::tiff::{choose, plain};
-use super::{NOWHERE, PictureNote, PictureOptions, world};
+use super::tiff::{choose, nodata, plain};
+use super::{NOWHERE, PictureNote, PictureOptions};
 use crate::error::{Error, Result};
 use crate::geo::{Crs, Geo};
 use crate::limits::Limits;
 use crate::sample::SampleType;
-use crate::source::{FileStamp, Fingerprint, file_name, metadata};
+use crate::source::account::{self, Role};
+use crate::source::gdal::{describe, files};
+use crate::source::{Fingerprint, file_name, metadata};
 
 /// Side of the blocks that are read at a time; of pictures stored by rows a block has whole ones.
 const SIDE: usize = 512;
@@ -44,6 +46,7 @@ impl Opened {
 /// Its bands, or its mask.
 struct GdalBlocks {
     path: PathBuf,
+    files: Vec<PathBuf>,
     opened: Arc<Mutex<Opened>>,
     shape: Shape,
     kind: SampleType,
@@ -54,30 +57,46 @@ struct GdalBlocks {
 pub(super) fn open(path: &Path, options: &PictureOptions, crs: &Crs, limits: &Limits) -> Result<Parts> {
     static QUIET: Once = Once::new();
     QUIET.call_once(|| gdal::config::set_error_handler(|_, _, _| {}));
-    let source = Dataset::open(path).map_err(|error| {
+    let source = Dataset::open(crate::source::open::for_gdal(path, limits)?).map_err(|error| {
         Error::unsupported(format!("GDAL cannot open it ({error})"), "see what gdalinfo says of it")
     })?;
     let mut opened = Opened { warped: None, source };
-    opened.warped = match target(&opened.source, path, crs)? {
-        Some(target) => Some(warp(&opened.source, &target)?),
+    let (prj, beside) = beside(&opened.source, path, limits)?.unzip();
+    opened.warped = match target(&opened.source, path, crs, beside.as_ref())? {
+        Some(target) => Some(warp(&opened.source, &target, beside.as_ref())?),
         None => None,
     };
-    parts(opened, path, options, crs, limits)
+    let mut parts = parts(opened, path, options, crs, limits)?;
+    parts.beside.extend(prj);
+    Ok(parts)
+}
+
+/// The coordinate system in a `.prj` beside a picture without one: GDAL passes over it beside most formats.
+fn beside(dataset: &Dataset, path: &Path, limits: &Limits) -> Result<Option<(PathBuf, SpatialRef)>> {
+    if dataset.spatial_ref().is_ok() || dataset.gcp_spatial_ref().is_some() {
+        return Ok(None);
+    }
+    describe::prj(path, limits)
 }
 
 /// The coordinate system to warp to; `None` if the picture is there.
-fn target(dataset: &Dataset, path: &Path, crs: &Crs) -> Result<Option<SpatialRef>> {
+fn target(
+    dataset: &Dataset,
+    path: &Path,
+    crs: &Crs,
+    beside: Option<&SpatialRef>,
+) -> Result<Option<SpatialRef>> {
     let wrong = |error: GdalError| Error::usage(format!("the coordinate system of the heights: {error}"));
     let target = match crs.epsg {
         Some(code) => Some(SpatialRef::from_epsg(code).map_err(wrong)?),
         None if super::crs::is_unknown(crs) || crs.wkt.is_empty() => None,
         None => Some(SpatialRef::from_wkt(&crs.wkt).map_err(wrong)?),
     };
-    let own = dataset.spatial_ref().ok().or_else(|| dataset.gcp_spatial_ref());
+    let own = dataset.spatial_ref().ok().or_else(|| dataset.gcp_spatial_ref()).or_else(|| beside.cloned());
     match (own, target) {
         (None, None) => Ok(None),
         // A world file cannot name a coordinate system: it is that of the heights.
-        (None, Some(_)) if world::read(path)?.is_some() => Ok(None),
+        (None, Some(_)) if account::has_world_file(path) => Ok(None),
         (None, Some(_)) => Err(Error::usage(format!(
             "{}: it has no coordinate system: name it with gdal_edit.py -a_srs, or place it with gdal_translate -a_ullr and -a_srs",
             path.display()
@@ -95,12 +114,17 @@ fn target(dataset: &Dataset, path: &Path, crs: &Crs) -> Result<Option<SpatialRef
 }
 
 /// A virtual raster of the picture in another coordinate system, with an alpha band.
-fn warp(dataset: &Dataset, target: &SpatialRef) -> Result<Dataset> {
+fn warp(dataset: &Dataset, target: &SpatialRef, own: Option<&SpatialRef>) -> Result<Dataset> {
     let wrong = |error: GdalError| Error::usage(format!("the coordinate system of the heights: {error}"));
     let indexed = dataset.rasterband(1).is_ok_and(|band| band.color_table().is_some());
     let method = if indexed { "near" } else { "bilinear" };
     let target = target.to_wkt().map_err(wrong)?;
-    let words = ["-of", "VRT", "-dstalpha", "-wo", "UNIFIED_SRC_NODATA=YES", "-r", method, "-t_srs", &target];
+    let own = own.map(SpatialRef::to_wkt).transpose().map_err(wrong)?;
+    let mut words =
+        vec!["-of", "VRT", "-dstalpha", "-wo", "UNIFIED_SRC_NODATA=YES", "-r", method, "-t_srs", &target];
+    if let Some(own) = &own {
+        words.extend(["-s_srs", own]);
+    }
     let words: Vec<CString> = words.iter().map(|word| CString::new(*word).unwrap_or_default()).collect();
     let mut list: Vec<*mut c_char> = words.iter().map(|word| word.as_ptr().cast_mut()).collect();
     list.push(ptr::null_mut());
@@ -142,14 +166,16 @@ fn parts(opened: Opened, path: &Path, options: &PictureOptions, crs: &Crs, limit
     let shape = shape(&first, limits)?;
     let kind = sample_type(&first)?;
     let count = dataset.raster_count();
-    let own = alpha_band(dataset);
     // Warping gives every picture an alpha band.
-    let has_alpha = alpha_band(&opened.source).is_some();
+    let has_alpha = roles(&opened.source).contains(&Role::Alpha);
     let palette = palette(&first);
-    let (colours, alpha) = choose(count, own, options.bands.as_deref(), palette.is_some())?;
+    let (colours, alpha) = choose(&roles(dataset), options.bands.as_deref(), palette.is_some())?;
     let flags = first.mask_flags().map_err(wrong)?;
     let has_mask = !flags.is_all_valid() && !flags.is_nodata() && !flags.is_alpha();
-    let nodata = first.no_data_value().map(|value| metadata::rounded(value, kind));
+    let nodata = nodata(&colours, |band| {
+        let said = dataset.rasterband(band + 1).ok().filter(|_| !has_mask)?.no_data_value();
+        said.map(|value| metadata::rounded(value, kind))
+    });
     let Ok(transform) = dataset.geo_transform() else {
         return Err(Error::unsupported("a picture that does not say where it lies", NOWHERE));
     };
@@ -161,22 +187,41 @@ fn parts(opened: Opened, path: &Path, options: &PictureOptions, crs: &Crs, limit
         stretch: Vec::new(),
     };
     let recipe = Recipe { kind, colours, alpha, palette, nodata, ..plain() };
+    let files = files::of(&opened.source, path);
     let opened = Arc::new(Mutex::new(opened));
     let blocks = |is_mask, kind| {
-        let blocks = GdalBlocks { path: path.to_owned(), opened: Arc::clone(&opened), shape, kind, is_mask };
+        let (path, files, opened) = (path.to_owned(), files.clone(), Arc::clone(&opened));
+        let blocks = GdalBlocks { path, files, opened, shape, kind, is_mask };
         Box::new(blocks) as Box<dyn Blocks>
     };
     let mask = has_mask.then(|| (blocks(true, SampleType::Uint8), Recipe { colours: vec![0], ..plain() }));
     let geo = Geo { transform: Some(transform), pixel_is_point: false, crs: crs.clone() };
-    Ok(Parts { blocks: blocks(false, kind), recipe, geo, note, has_alpha, mask })
+    Ok(Parts {
+        blocks: blocks(false, kind),
+        recipe,
+        geo,
+        note,
+        has_alpha,
+        mask,
+        beside: Vec::new(),
+        placed_beside: false,
+        warnings: Vec::new(),
+    })
 }
 
-/// The first band that is alpha, from 0.
-fn alpha_band(dataset: &Dataset) -> Option<usize> {
-    (0..dataset.raster_count()).find(|band| {
-        let band = dataset.rasterband(band + 1);
-        band.is_ok_and(|band| band.color_interpretation() == ColorInterpretation::AlphaBand)
-    })
+/// What each band is.
+fn roles(dataset: &Dataset) -> Vec<Role> {
+    let role = |band: usize| match dataset.rasterband(band + 1).map(|band| band.color_interpretation()) {
+        Ok(ColorInterpretation::GrayIndex) => Role::Grey,
+        Ok(ColorInterpretation::PaletteIndex) => Role::Palette,
+        Ok(ColorInterpretation::RedBand) => Role::Red,
+        Ok(ColorInterpretation::GreenBand) => Role::Green,
+        Ok(ColorInterpretation::BlueBand) => Role::Blue,
+        Ok(ColorInterpretation::AlphaBand) => Role::Alpha,
+        Ok(ColorInterpretation::Undefined) | Err(_) => Role::Undefined,
+        Ok(_) => Role::Other,
+    };
+    (0..dataset.raster_count()).map(role).collect()
 }
 
 fn shape(band: &RasterBand<'_>, limits: &Limits) -> Result<Shape> {
@@ -280,8 +325,12 @@ impl Blocks for GdalBlocks {
         Ok(Raw { bytes, planes: (0..bands.len()).map(|at| (at, 0, 1)).collect() })
     }
 
+    fn files(&self) -> Vec<PathBuf> {
+        self.files.clone()
+    }
+
     fn fingerprint(&self) -> Result<Fingerprint> {
-        Ok(Fingerprint { files: vec![FileStamp::of(&self.path)?] })
+        files::fingerprint(&self.files)
     }
 
     fn locate(&self, error: Error) -> Error {

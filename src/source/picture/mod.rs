@@ -13,7 +13,6 @@ mod crs;
 mod gdal;
 mod stretch;
 mod tiff;
-mod world;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -28,6 +27,7 @@ use crate::error::{Error, Result};
 use crate::geo::{Crs, Geo};
 use crate::limits::Limits;
 use crate::source::Fingerprint;
+use crate::source::open::NEEDS_GDAL;
 use crate::texel::Colour;
 
 /// Bytes of decoded blocks that are kept of all pictures together: those of a row of tiles over the widest strips that one meets.
@@ -61,6 +61,8 @@ pub struct PictureInfo {
     pub geo: Geo,
     /// What people should know of it.
     pub note: PictureNote,
+    /// What looks wrong with it, a sentence each.
+    pub warnings: Vec<String>,
 }
 
 /// A picture as recorded in the container.
@@ -99,8 +101,14 @@ pub trait Picture: Send + Sync {
     /// are, the more often the same is decoded again.
     fn keep(&self, _bytes: u64) {}
 
-    /// The files it is made of.
+    /// The files it is made of, as they are on disk now.
     fn fingerprint(&self) -> Result<Fingerprint>;
+
+    /// Every file that is read: the picture, its mask, what lies beside it and says what it is. None for a picture in
+    /// memory.
+    fn files(&self) -> Vec<PathBuf> {
+        Vec::new()
+    }
 }
 
 /// Bytes that reading a picture takes at most.
@@ -108,6 +116,8 @@ pub trait Picture: Send + Sync {
 pub struct Memory {
     /// What each thread takes that reads from it.
     pub reading: u64,
+    /// The largest block, converted: one of all pictures that were opened together stays whatever they may keep.
+    pub block: u64,
     /// What is kept for later reads. Pictures that were opened together have [`KEPT`] in all unless [`Picture::keep`] says otherwise.
     pub kept: u64,
 }
@@ -141,7 +151,7 @@ pub fn open_all(
     for path in paths {
         opened.push(open(path, options, crs, limits, &cache).map_err(|error| error.at(path))?);
     }
-    stretch::settle(&mut opened, options.stretch)?;
+    stretch::settle(&mut opened, options.stretch, limits)?;
     Ok(opened.into_iter().map(|picture| Box::new(picture) as Box<dyn Picture>).collect())
 }
 
@@ -153,31 +163,48 @@ fn open(
     limits: &Limits,
     cache: &Arc<Cache>,
 ) -> Result<BlockPicture> {
-    let native = tiff::open(path, options, limits).and_then(|parts| place(path, parts, crs));
-    let parts = match native {
-        #[cfg(feature = "gdal")]
-        Err(Error::Unsupported { .. }) => gdal::open(path, options, crs, limits)?,
-        other => other?,
-    };
-    Ok(BlockPicture::new(parts, cache))
+    let native = tiff::open(path, options, limits).and_then(|parts| place(parts, crs));
+    #[cfg(feature = "gdal")]
+    let native = native.or_else(|error| {
+        crate::source::open::or_by_gdal(path, error, || gdal::open(path, options, crs, limits))
+    });
+    let mut picture = BlockPicture::new(native?, cache);
+    picture.settle_alpha(limits)?;
+    Ok(picture)
 }
 
-/// Refuses a picture that lies nowhere, or elsewhere.
-fn place(path: &Path, mut parts: Parts, crs: &Crs) -> Result<Parts> {
+/// Fails if threads that decode blocks of a picture take more than opening it may, and `more` bytes with them.
+fn check_opening(picture: &BlockPicture, more: u64, limits: &Limits) -> Result<()> {
+    let threads = rayon::current_num_threads().min(picture.blocks()) as u64;
+    let needed = (24 << 20) + picture.memory().reading.saturating_mul(threads).saturating_add(more);
+    if needed <= limits.opening_bytes {
+        return Ok(());
+    }
+    let mib = needed.div_ceil(1 << 20);
+    Err(Error::usage(format!(
+        "memory: finding out what {} holds takes about {mib} MiB, as its blocks are decoded whole; allow more, use fewer threads, say how \
+         its values become 8 bits, or cut it into smaller blocks (gdal_translate -co TILED=YES)",
+        picture.info().note.name
+    )))
+}
+
+/// Refuses a picture that lies nowhere, or elsewhere. One that says where, but not in what, lies in the coordinate system of
+/// the heights: a world file cannot name one.
+fn place(mut parts: Parts, crs: &Crs) -> Result<Parts> {
     let geo = &mut parts.geo;
     if geo.transform.is_none() {
-        geo.transform = world::read(path)?;
-        if geo.transform.is_none() {
-            return Err(Error::unsupported("a picture that does not say where it lies", NOWHERE));
-        }
-        if crs::is_unknown(&geo.crs) {
-            geo.crs = crs.clone();
-        }
+        let what = "a picture that does not say where it lies";
+        let why = parts.warnings.first().map_or_else(|| what.to_owned(), |why| format!("{what} ({why})"));
+        return Err(Error::unsupported(why, NOWHERE));
+    }
+    if parts.placed_beside && crs::is_unknown(&geo.crs) {
+        geo.crs = crs.clone();
     }
     if crs::same(&geo.crs, crs) {
         return Ok(parts);
     }
     let what = format!("a picture in {} over heights in {}", crs::name(&geo.crs), crs::name(crs));
-    let hint = "build with --features gdal, or bring it there with gdalwarp -t_srs (or, if it is the same, name it with gdal_edit.py -a_srs)";
-    Err(Error::unsupported(what, hint))
+    let otherwise =
+        "or bring it there with gdalwarp -t_srs (or, if it is the same, name it with gdal_edit.py -a_srs)";
+    Err(Error::unsupported(what, format!("{NEEDS_GDAL}, {otherwise}")))
 }

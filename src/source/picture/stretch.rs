@@ -4,7 +4,9 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::blocks::BlockPicture;
+use super::check_opening;
 use crate::error::{Error, Result};
+use crate::limits::Limits;
 use crate::sample::SampleType;
 
 /// Values taken from a picture for percentiles, at most, and of how many blocks.
@@ -43,7 +45,7 @@ impl Stretch {
 }
 
 /// Gives every picture the ranges of its bands.
-pub(super) fn settle(pictures: &mut [BlockPicture], wanted: Option<Stretch>) -> Result<()> {
+pub(super) fn settle(pictures: &mut [BlockPicture], wanted: Option<Stretch>, limits: &Limits) -> Result<()> {
     let wanted = wanted.map(Stretch::check).transpose()?;
     let groups: Vec<_> = pictures.iter().map(BlockPicture::stretchable).collect();
     let mut done = Vec::new();
@@ -66,7 +68,7 @@ pub(super) fn settle(pictures: &mut [BlockPicture], wanted: Option<Stretch>) -> 
             (Stretch::Range(low, high), _) => vec![(low, high); bands],
             (rule, _) => {
                 let of: Vec<&BlockPicture> = members().map(|at| &pictures[at]).collect();
-                measure(&of, bands, rule)?
+                measure(&of, bands, rule, limits)?
             }
         };
         for at in members() {
@@ -77,25 +79,27 @@ pub(super) fn settle(pictures: &mut [BlockPicture], wanted: Option<Stretch>) -> 
 }
 
 /// The ranges of each band over some pictures.
-fn measure(pictures: &[&BlockPicture], bands: usize, rule: Stretch) -> Result<Vec<(f64, f64)>> {
+fn measure(
+    pictures: &[&BlockPicture],
+    bands: usize,
+    rule: Stretch,
+    limits: &Limits,
+) -> Result<Vec<(f64, f64)>> {
     let all = rule == Stretch::MinMax;
     let share = (VALUES / pictures.len()).max(1);
     let mut work = Vec::new();
+    // Values of each block, in vectors that may have room for as many more, and those of all.
+    let pixels: u64 = pictures.iter().map(|picture| picture.pixels()).fold(0, u64::saturating_add);
+    let values = if all { 0 } else { pixels.min(2 * VALUES as u64) * bands as u64 * 8 };
     for &picture in pictures {
+        check_opening(picture, 3 * values, limits)?;
         let blocks = picture.blocks();
         let chosen = if all { blocks } else { blocks.min(BLOCKS) };
-        let most = if all { usize::MAX } else { share.div_ceil(chosen) };
+        let most = share.div_ceil(chosen);
         work.extend((0..chosen).map(|n| (picture, spread(n, chosen, blocks), most)));
     }
-    let read = |(picture, block, most): (&BlockPicture, usize, usize)| {
-        let mut values = picture.values(block, most)?;
-        if all {
-            for band in &mut values {
-                *band = ends(band);
-            }
-        }
-        Ok(values)
-    };
+    let read =
+        |(picture, block, most): (&BlockPicture, usize, usize)| picture.values(block, (!all).then_some(most));
     let read: Vec<Result<Vec<Vec<f64>>>> = work.into_par_iter().map(read).collect();
     let mut joined = vec![Vec::new(); bands];
     for values in read {
@@ -105,17 +109,12 @@ fn measure(pictures: &[&BlockPicture], bands: usize, rule: Stretch) -> Result<Ve
 }
 
 /// Block number `n` of `chosen` ones among `blocks`, in no step with the width of the picture.
-fn spread(n: usize, chosen: usize, blocks: usize) -> usize {
+pub(super) fn spread(n: usize, chosen: usize, blocks: usize) -> usize {
     if chosen == blocks {
         return n;
     }
     let golden = (n as f64 * 0.618_033_988_75).fract();
     (((n as f64 + golden) * blocks as f64 / chosen as f64) as usize).min(blocks - 1)
-}
-
-fn ends(values: &[f64]) -> Vec<f64> {
-    let least = values.iter().copied().reduce(f64::min);
-    least.into_iter().chain(values.iter().copied().reduce(f64::max)).collect()
 }
 
 fn range(mut values: Vec<f64>, rule: Stretch) -> (f64, f64) {

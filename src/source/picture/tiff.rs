@@ -1,6 +1,6 @@
 //! TIFF pictures, natively.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::PictureNote;
 use super::PictureOptions;
@@ -9,8 +9,10 @@ use super::convert::Recipe;
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
+use crate::source::account::{Account, Origin, Role};
+use crate::source::open::NEEDS_GDAL;
 use crate::source::tiff::raster::{Meaning, Raster};
-use crate::source::{Fingerprint, file_name};
+use crate::source::{file_name, metadata};
 
 /// Values of tag 262.
 const WHITE_IS_ZERO: u64 = 0;
@@ -18,11 +20,18 @@ const BLACK_IS_ZERO: u64 = 1;
 const RGB: u64 = 2;
 const PALETTE: u64 = 3;
 const YCBCR: u64 = 6;
+/// Values of tag 338: alpha, with and without colours multiplied by it.
+const ASSOCIATED: u64 = 1;
+const UNASSOCIATED: u64 = 2;
 
 /// Opens a TIFF and says what becomes of its bands.
 pub(super) fn open(path: &Path, options: &PictureOptions, limits: &Limits) -> Result<Parts> {
     let (raster, meaning, mask) = Raster::open(path, limits)?;
-    let recipe = recipe(&raster, &meaning, options.bands.as_deref())?;
+    let mut recipe = recipe(&raster, &meaning, options.bands.as_deref())?;
+    if mask.is_some() {
+        // As GDAL: where there is a mask it alone counts.
+        recipe.nodata = None;
+    }
     let note = PictureNote {
         name: file_name(path),
         description: meaning.description,
@@ -35,7 +44,10 @@ pub(super) fn open(path: &Path, options: &PictureOptions, limits: &Limits) -> Re
         (Box::new(mask) as Box<dyn Blocks>, recipe)
     });
     let has_alpha = recipe.alpha.is_some();
-    Ok(Parts { blocks: Box::new(raster), recipe, geo: meaning.geo, note, has_alpha, mask })
+    let Account { geo, files: beside, warnings, origins, .. } = meaning.account;
+    let placed_beside = matches!(origins.place, Some(Origin::WorldFile(_)));
+    let blocks = Box::new(raster);
+    Ok(Parts { blocks, recipe, geo, note, has_alpha, mask, beside, placed_beside, warnings })
 }
 
 /// One band of bytes.
@@ -45,6 +57,7 @@ pub(super) fn plain() -> Recipe {
         is_bit: false,
         colours: Vec::new(),
         alpha: None,
+        opaque: 65535.0,
         premultiplied: false,
         palette: None,
         inverted: false,
@@ -63,36 +76,71 @@ fn recipe(raster: &Raster, meaning: &Meaning, wanted: Option<&[u32]>) -> Result<
         (8..=10, _) => return Err(unsupported("CIE L*a*b* colours")),
         (other, _) => return Err(unsupported(&format!("colours of an unknown kind ({other})"))),
     };
+    let roles = roles(bands, meaning);
+    let (chosen, alpha) = choose(&roles, wanted, colours.is_some())?;
+    let kind = raster.stored().unwrap_or(SampleType::Uint8);
     // Extra bands stand after the colours.
-    let extra = bands.saturating_sub(meaning.extra.len());
-    let own = meaning
-        .extra
-        .iter()
-        .position(|&kind| matches!(kind, 1 | 2))
-        .map(|at| (extra + at, meaning.extra[at] == 1));
-    let own = own.filter(|&(band, _)| band < bands);
-    let (chosen, alpha) = choose(bands, own.map(|(band, _)| band), wanted, colours.is_some())?;
+    let first_extra = bands.saturating_sub(meaning.extra.len());
+    let multiplied = |band: usize| {
+        let kind = band.checked_sub(first_extra).and_then(|at| meaning.extra.get(at));
+        kind == Some(&ASSOCIATED)
+    };
     Ok(Recipe {
-        kind: raster.stored().unwrap_or(SampleType::Uint8),
+        kind,
         is_bit: raster.stored().is_none() && colours.is_none(),
-        premultiplied: own.is_some_and(|(band, multiplied)| multiplied && alpha == Some(band)),
+        premultiplied: alpha.is_some_and(multiplied),
+        nodata: nodata(&chosen, |band| {
+            let said = meaning.account.nodata(band as u32 + 1);
+            said.map(|(value, _)| metadata::rounded(value, kind))
+        }),
         colours: chosen,
         alpha,
         palette: colours,
         inverted: meaning.photometric == WHITE_IS_ZERO,
-        nodata: meaning.nodata,
         ..plain()
     })
 }
 
-/// Bands that become colours, and the one that is alpha, from 0. `own` is what the file calls alpha.
+/// What each band is: as a sidecar or GDAL's metadata say, else as the tags do.
+fn roles(bands: usize, meaning: &Meaning) -> Vec<Role> {
+    let first_extra = bands.saturating_sub(meaning.extra.len());
+    let of_tags = |band: usize| {
+        if band >= first_extra {
+            let is_alpha = matches!(meaning.extra[band - first_extra], ASSOCIATED | UNASSOCIATED);
+            return if is_alpha { Role::Alpha } else { Role::Undefined };
+        }
+        match (meaning.photometric, band) {
+            (RGB | YCBCR, 0) if first_extra >= 3 => Role::Red,
+            (RGB | YCBCR, 1) => Role::Green,
+            (RGB | YCBCR, 2) => Role::Blue,
+            (PALETTE, 0) => Role::Palette,
+            (_, 0) => Role::Grey,
+            _ => Role::Undefined,
+        }
+    };
+    (0..bands).map(|band| meaning.account.role(band as u32 + 1).unwrap_or_else(|| of_tags(band))).collect()
+}
+
+/// Nodata of each of some bands; `None` if one of them has none: a pixel is hidden if all bands have theirs.
+pub(super) fn nodata(bands: &[usize], of: impl Fn(usize) -> Option<f64>) -> Option<Vec<f64>> {
+    bands.iter().map(|&band| of(band)).collect()
+}
+
+/// Bands that become colours, and the one that is alpha, from 0: as wanted, else by their roles, else the first ones.
 pub(super) fn choose(
-    bands: usize,
-    own: Option<usize>,
+    roles: &[Role],
     wanted: Option<&[u32]>,
     indexed: bool,
 ) -> Result<(Vec<usize>, Option<usize>)> {
+    let bands = roles.len();
+    let of = |role: Role| roles.iter().position(|&own| own == role);
+    let own = of(Role::Alpha);
     let Some(wanted) = wanted else {
+        if let (Some(red), Some(green), Some(blue), false) =
+            (of(Role::Red), of(Role::Green), of(Role::Blue), indexed)
+        {
+            return Ok((vec![red, green, blue], own));
+        }
         let others: Vec<usize> = (0..bands).filter(|&band| Some(band) != own).collect();
         return match others[..] {
             [] => Err(Error::format("bands", "a colour", "alpha only")),
@@ -135,7 +183,7 @@ fn palette(raster: &Raster, meaning: &Meaning) -> Result<Vec<[u8; 3]>> {
 }
 
 fn unsupported(what: &str) -> Error {
-    Error::unsupported(what, "build with --features gdal, or convert it with gdal_translate or gdalwarp")
+    Error::unsupported(what, format!("{NEEDS_GDAL}, or convert it with gdal_translate or gdalwarp"))
 }
 
 impl Blocks for Raster {
@@ -169,11 +217,32 @@ impl Blocks for Raster {
         Ok(Raw { bytes: bytes?, planes: (0..bands.len()).map(|at| (at, 0, 1)).collect() })
     }
 
-    fn fingerprint(&self) -> Result<Fingerprint> {
-        Ok(Fingerprint { files: vec![self.stamp()?] })
+    fn files(&self) -> Vec<PathBuf> {
+        vec![self.path().to_owned()]
     }
 
     fn locate(&self, error: Error) -> Error {
         error.at(self.path())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bands_are_chosen_by_their_roles() {
+        use Role::{Alpha, Blue, Green, Grey, Red, Undefined};
+        let choose = |roles: &[Role]| choose(roles, None, false).expect("bands");
+        assert_eq!(choose(&[Red, Green, Blue]), (vec![0, 1, 2], None));
+        assert_eq!(choose(&[Blue, Green, Red]), (vec![2, 1, 0], None));
+        assert_eq!(choose(&[Alpha, Blue, Green, Red]), (vec![3, 2, 1], Some(0)));
+        assert_eq!(choose(&[Grey, Undefined, Blue, Green, Red]), (vec![4, 3, 2], None));
+        assert_eq!(choose(&[Grey, Undefined, Undefined, Alpha]), (vec![0, 1, 2], Some(3)));
+        assert_eq!(choose(&[Grey, Alpha]), (vec![0], Some(1)));
+        assert_eq!(choose(&[Undefined, Green, Red]), (vec![0, 1, 2], None));
+        let wanted = super::choose(&[Blue, Green, Red, Alpha], Some(&[1, 2, 3]), false).expect("bands");
+        assert_eq!(wanted, (vec![0, 1, 2], Some(3)));
+        assert!(super::choose(&[Alpha], None, false).is_err());
     }
 }

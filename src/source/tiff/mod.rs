@@ -1,9 +1,9 @@
 //! GeoTIFF, natively: strips and tiles, classic and big, either byte order, the compressions that DEMs come in.
 //!
-//! Band 1 of the first image is the elevation. An internal mask (or a `.msk` file beside, as GDAL writes it) comes
-//! along; overviews, further bands and alpha are passed over. The file is read by position (see `file`), of a window only
+//! Band 1 of the first image is the elevation unless another is asked for. An internal mask (or a `.msk` file beside, as GDAL
+//! writes it) or an alpha band comes along; overviews and further bands are passed over. The file is read by position (see `file`), of a window only
 //! the blocks or bytes that it needs, and every number in the file is checked before it is used. Samples and
-//! georeference are what GDAL reads; a few things GDAL looks up outside the file (`.aux.xml`, world files) are not.
+//! what they mean are what GDAL reads, with what lies beside the file (see `account`).
 
 mod blocks;
 mod decode;
@@ -15,19 +15,23 @@ mod jpeg;
 mod layout;
 mod parts;
 pub(in crate::source) mod raster;
+mod validity;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use tiff::Directory;
 use tiff::tags::Tag;
 
 use self::blocks::Band;
-use self::directory::{GDAL_METADATA, Reader};
+use self::directory::{Directory, Reader};
 use self::file::TiffFile;
+pub(super) use self::layout::no_band;
 use self::layout::{Layout, Purpose, Stored};
-use super::{FileStamp, Fingerprint, Part, Samples, Source, SourceInfo, Window, file_name, metadata};
+use super::account::{Account, Origin, Role};
+use super::{
+    FileStamp, Fingerprint, Part, ReadMemory, Samples, Source, SourceInfo, Window, file_name, metadata, warn,
+};
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
@@ -41,9 +45,19 @@ const MASK: u64 = 4;
 pub struct TiffSource {
     info: SourceInfo,
     heights: Band,
-    mask: Option<Band>,
+    /// What blocks hold that a sparse file has not got.
+    fill: f64,
+    mask: Option<Validity>,
+    /// Files that say what the raster is.
+    beside: Vec<PathBuf>,
     /// Memory of a window that has been taken back.
     spare: Mutex<Option<Window>>,
+}
+
+/// The band that says which samples are valid: those where it is not 0.
+struct Validity {
+    band: Band,
+    kind: SampleType,
 }
 
 impl TiffSource {
@@ -51,41 +65,64 @@ impl TiffSource {
     ///
     /// A file that does not start like a TIFF is [`Error::Unsupported`], as is a TIFF that needs what is missing here.
     pub fn open(path: &Path, limits: &Limits) -> Result<Self> {
-        Self::open_inner(path, limits).map_err(|error| error.at(path))
+        Self::open_band(path, None, limits)
     }
 
-    fn open_inner(path: &Path, limits: &Limits) -> Result<Self> {
-        let file = Arc::new(TiffFile::open(path)?);
-        let mut reader = Reader::new(file.cursor(), file.length(), limits)?;
+    /// [`TiffSource::open`] of a band that is chosen, from 1.
+    pub fn open_band(path: &Path, band: Option<u32>, limits: &Limits) -> Result<Self> {
+        Self::open_inner(path, band, limits).map_err(|error| error.at(path))
+    }
+
+    fn open_inner(path: &Path, chosen: Option<u32>, limits: &Limits) -> Result<Self> {
+        // Band 0 is as far out as the last one is.
+        let band = chosen.unwrap_or(1).wrapping_sub(1);
+        let file = Arc::new(TiffFile::open(path, limits)?);
+        let mut reader = Reader::new(&file, limits)?;
         let directories = reader.directories()?;
         let image = directories.first().ok_or_else(|| Error::format("TIFF header", "an image", "none"))?;
-        let layout = Layout::read(&mut reader, image, limits, Purpose::FirstBand)?;
+        let layout = Layout::read(&mut reader, image, limits, Purpose::Band(band))?;
         let Stored::Number(kind) = layout.stored else {
             return Err(Error::unsupported("1-bit samples", "convert it with gdal_translate -ot Byte"));
         };
-        let info = describe(&mut reader, image, &layout, kind, path)?;
-        let mask = match internal_mask(&mut reader, &directories, &layout, limits)? {
+        let (mut info, account) = describe(&mut reader, image, &layout, kind, (&file, limits))?;
+        let fill = info.nodata.unwrap_or(0.0);
+        let of = (&layout, band);
+        let mask = match validity::internal_mask(&mut reader, &directories, of, limits)? {
             Some(mask) => Some(Band::new(Arc::clone(&file), mask)),
-            None => external_mask(path, &layout, limits)?,
+            None => validity::external_mask(path, of, limits)?,
         };
-        drop(reader);
-        Ok(Self { info, heights: Band::new(file, layout), mask, spare: Mutex::default() })
-    }
-
-    /// Writes the samples of a window over `out`, which are of the file's type.
-    fn samples(&self, columns: &Range<u32>, rows: &Range<u32>, out: &mut Samples) -> Result<()> {
-        let fill = self.info.nodata.unwrap_or(0.0);
-        let (band, whole) = (&self.heights, fill.round());
-        match out {
-            Samples::Int8(out) => band.window(columns, rows, whole as i8, out),
-            Samples::Uint8(out) => band.window(columns, rows, whole as u8, out),
-            Samples::Int16(out) => band.window(columns, rows, whole as i16, out),
-            Samples::Uint16(out) => band.window(columns, rows, whole as u16, out),
-            Samples::Int32(out) => band.window(columns, rows, whole as i32, out),
-            Samples::Uint32(out) => band.window(columns, rows, whole as u32, out),
-            Samples::Float32(out) => band.window(columns, rows, fill as f32, out),
-            Samples::Float64(out) => band.window(columns, rows, fill, out),
+        if let (Some(_), Some(nodata)) = (&mask, info.nodata) {
+            info.warnings.push(warn::mask_and_nodata(path, nodata));
+            (info.nodata, info.origins.nodata) = (None, None);
         }
+        let alpha = validity::alpha((&mut reader, image), of, &account, limits)?;
+        if chosen.is_none() {
+            let colours = colours(&mut reader, image, &account)?;
+            let bands = layout.band_count - u32::from(alpha.is_some());
+            info.warnings.extend(warn::odd_band(path, bands, kind, colours));
+        }
+        // A value that the type does not hold is no nodata value beside an alpha band, as to GDAL.
+        let nodata = info.nodata.filter(|_| info.voids().is_of(kind));
+        let mask = match (mask, alpha, nodata) {
+            (None, Some(alpha), None) => Some(Band::new(Arc::clone(&file), alpha)),
+            (None, Some(_), Some(nodata)) => {
+                info.warnings.push(warn::alpha_and_nodata(path, nodata));
+                None
+            }
+            (mask, ..) => mask,
+        };
+        let mask = mask.map(|band| {
+            let kind = if let Stored::Number(kind) = band.layout.stored { kind } else { SampleType::Uint8 };
+            Validity { band, kind }
+        });
+        info.origins.mask = mask.as_ref().map(|mask| match mask.band.file.path() {
+            own if own == path => Origin::Inside,
+            other => Origin::MaskFile(file_name(other)),
+        });
+        let (heights, beside) = (Band::new(file, layout), account.files);
+        info.reading =
+            mask.iter().fold(heights.reading(), |all, mask: &Validity| all.and(mask.band.reading()));
+        Ok(Self { info, heights, fill, mask, beside, spare: Mutex::default() })
     }
 
     fn spare(&self) -> MutexGuard<'_, Option<Window>> {
@@ -103,13 +140,14 @@ impl Source for TiffSource {
         let spare = self.spare().take().filter(|spare| spare.samples.sample_type() == self.info.sample_type);
         let mut window =
             spare.unwrap_or_else(|| Window { samples: Samples::none(self.info.sample_type), mask: None });
-        let heights = self.samples(&columns, &rows, &mut window.samples);
+        let heights = samples(&self.heights, self.fill, (&columns, &rows), &mut window.samples);
         heights.map_err(|error| error.at(self.heights.file.path()))?;
         match &self.mask {
             None => window.mask = None,
             Some(mask) => {
                 let out = window.mask.get_or_insert_default();
-                mask.window(&columns, &rows, 0_u8, out).map_err(|error| error.at(mask.file.path()))?;
+                let read = mask.window(&columns, &rows, out);
+                read.map_err(|error| error.at(mask.band.file.path()))?;
             }
         }
         Ok(window)
@@ -121,105 +159,110 @@ impl Source for TiffSource {
 
     fn release(&self) {
         *self.spare() = None;
+        for band in std::iter::once(&self.heights).chain(self.mask.iter().map(|mask| &mask.band)) {
+            band.release();
+        }
     }
 
     fn fingerprint(&self) -> Result<Fingerprint> {
+        Ok(Fingerprint { files: self.files().iter().map(|path| FileStamp::of(path)).collect::<Result<_>>()? })
+    }
+
+    fn files(&self) -> Vec<PathBuf> {
         let heights = self.heights.file.path();
-        let beside = self.mask.iter().map(|mask| mask.file.path()).filter(|path| *path != heights);
-        Ok(Fingerprint {
-            files: std::iter::once(heights).chain(beside).map(FileStamp::of).collect::<Result<_>>()?,
-        })
+        let mask = self.mask.iter().map(|mask| mask.band.file.path()).filter(|path| *path != heights);
+        let beside = self.beside.iter().map(PathBuf::as_path);
+        std::iter::once(heights).chain(mask).chain(beside).map(Path::to_owned).collect()
     }
 }
 
+/// What an image that is no heights says of its samples.
+fn colours(reader: &mut Reader<'_>, image: &Directory, account: &Account) -> Result<Option<&'static str>> {
+    match account.role(1) {
+        Some(Role::Red | Role::Green | Role::Blue) => return Ok(Some("RGB")),
+        Some(Role::Palette) => return Ok(Some("palette")),
+        Some(Role::Grey) => return Ok(None),
+        _ => {}
+    }
+    Ok(match reader.integer(image, Tag::PhotometricInterpretation)? {
+        Some(2 | 6) => Some("RGB"),
+        Some(3) => Some("palette"),
+        _ => None,
+    })
+}
+
+impl Validity {
+    /// Writes over `out`: not 0 where a sample is valid.
+    fn window(&self, columns: &Range<u32>, rows: &Range<u32>, out: &mut Vec<u8>) -> Result<()> {
+        if self.kind == SampleType::Uint8 {
+            return self.band.window(columns, rows, 0, out);
+        }
+        let mut alpha = Samples::none(self.kind);
+        samples(&self.band, 0.0, (columns, rows), &mut alpha)?;
+        out.clear();
+        // NaN says nothing, least of all that a sample is valid.
+        out.extend((0..alpha.len()).map(|index| u8::from(alpha.value(index).abs() > 0.0)));
+        Ok(())
+    }
+}
+
+/// Writes the samples of a window over `out`, which are of the band's type.
+fn samples(
+    band: &Band,
+    fill: f64,
+    (columns, rows): (&Range<u32>, &Range<u32>),
+    out: &mut Samples,
+) -> Result<()> {
+    let whole = fill.round();
+    match out {
+        Samples::Int8(out) => band.window(columns, rows, whole as i8, out),
+        Samples::Uint8(out) => band.window(columns, rows, whole as u8, out),
+        Samples::Int16(out) => band.window(columns, rows, whole as i16, out),
+        Samples::Uint16(out) => band.window(columns, rows, whole as u16, out),
+        Samples::Int32(out) => band.window(columns, rows, whole as i32, out),
+        Samples::Uint32(out) => band.window(columns, rows, whole as u32, out),
+        Samples::Float32(out) => band.window(columns, rows, fill as f32, out),
+        Samples::Float64(out) => band.window(columns, rows, fill, out),
+    }
+}
+
+/// What the raster is, and all that is known of it.
 fn describe(
     reader: &mut Reader<'_>,
     image: &Directory,
     layout: &Layout,
     kind: SampleType,
-    path: &Path,
-) -> Result<SourceInfo> {
-    let nodata = reader.text(image, Tag::GdalNodata)?.and_then(|text| metadata::nodata(&text, kind));
-    let items = reader.text(image, GDAL_METADATA)?.map(|xml| metadata::items(&xml)).unwrap_or_default();
-    let place = georeference::read(reader, image)?;
-    let (scale, offset) = match (items.scale, items.offset, place.scale_offset) {
-        (None, None, Some(both)) => both,
-        (scale, offset, _) => (scale.unwrap_or(1.0), offset.unwrap_or(0.0)),
-    };
+    (file, limits): (&TiffFile, &Limits),
+) -> Result<(SourceInfo, Account)> {
+    let path = file.path();
+    let account = Account::of_tiff(path, georeference::read(reader, image)?, limits)?;
+    let band = account.band(layout.band + 1)?;
+    metadata::check_scale(band.scale, band.offset)?;
     let name = if reader.big { "GeoTIFF (big)" } else { "GeoTIFF" };
     // Rows of an uncompressed strip can be read one by one.
     let block_rows =
         if layout.is_direct() && !layout.tiled { 1 } else { layout.block_height.min(layout.height) };
-    let description = format!("{name}, {}", layout.describe());
-    Ok(SourceInfo {
+    let packed = if file.is_gzipped() { ", gzipped" } else { "" };
+    let description = format!("{name}, {}{packed}", layout.describe());
+    let info = SourceInfo {
         width: layout.width,
         height: layout.height,
         sample_type: kind,
-        nodata,
-        band_scale: scale,
-        band_offset: offset,
-        vertical_unit: metadata::vertical_unit(items.unit.as_deref(), place.vertical_unit),
-        geo: place.geo,
+        nodata: band.nodata.map(|value| metadata::rounded(value, kind)),
+        band_scale: band.scale,
+        band_offset: band.offset,
+        vertical_unit: band.unit,
+        geo: account.geo.clone(),
         parts: vec![Part { name: file_name(path), description: description.clone() }],
         footprint: None,
         overlap: None,
         description,
         block_rows,
-    })
-}
-
-/// The first mask of full size among the directories.
-fn internal_mask(
-    reader: &mut Reader<'_>,
-    directories: &[Directory],
-    of: &Layout,
-    limits: &Limits,
-) -> Result<Option<Layout>> {
-    for directory in directories.iter().skip(1) {
-        let kind = reader.integer(directory, Tag::NewSubfileType)?.unwrap_or(0);
-        if kind & MASK == 0 || kind & REDUCED != 0 {
-            continue;
-        }
-        let mask = Layout::read(reader, directory, limits, Purpose::FirstBand)?;
-        if (mask.width, mask.height) == (of.width, of.height) {
-            return check_mask(mask).map(Some);
-        }
-    }
-    Ok(None)
-}
-
-fn check_mask(mask: Layout) -> Result<Layout> {
-    match mask.stored {
-        Stored::Bit | Stored::Number(SampleType::Uint8) => Ok(mask),
-        Stored::Number(kind) => Err(Error::unsupported(
-            format!("a mask of {} samples", kind.gdal_name()),
-            "write it with 1 or 8 bits",
-        )),
-    }
-}
-
-/// `dem.tif.msk`, where GDAL puts a mask unless told to put it inside.
-fn external_mask(path: &Path, of: &Layout, limits: &Limits) -> Result<Option<Band>> {
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".msk");
-    let beside = PathBuf::from(beside);
-    if !beside.is_file() {
-        return Ok(None);
-    }
-    let read = || {
-        let file = Arc::new(TiffFile::open(&beside)?);
-        let mut reader = Reader::new(file.cursor(), file.length(), limits)?;
-        let directories = reader.directories()?;
-        let image = directories.first().ok_or_else(|| Error::format("TIFF header", "an image", "none"))?;
-        let mask = check_mask(Layout::read(&mut reader, image, limits, Purpose::FirstBand)?)?;
-        if (mask.width, mask.height) != (of.width, of.height) {
-            let expected = format!("a mask of {} x {}", of.width, of.height);
-            return Err(Error::format("size", expected, format!("{} x {}", mask.width, mask.height)));
-        }
-        drop(reader);
-        Ok(Some(Band::new(file, mask)))
+        reading: ReadMemory::default(),
+        warnings: account.warnings.clone(),
+        origins: band.origins,
     };
-    read().map_err(|error: Error| error.at(&beside))
+    Ok((info, account))
 }
 
 #[cfg(test)]

@@ -8,13 +8,13 @@ use tiff::tags::Tag;
 use super::blocks::Band;
 use super::directory::Reader;
 use super::file::TiffFile;
+use super::georeference;
 use super::layout::{Compression, Layout, Purpose, Stored};
-use super::{external_mask, georeference, internal_mask};
+use super::validity::{external_mask, internal_mask};
 use crate::error::{Error, Result};
-use crate::geo::Geo;
 use crate::limits::Limits;
 use crate::sample::SampleType;
-use crate::source::{FileStamp, metadata};
+use crate::source::account::Account;
 
 /// One image, or its mask.
 pub(in crate::source) struct Raster {
@@ -29,10 +29,8 @@ pub(in crate::source) struct Meaning {
     pub(in crate::source) extra: Vec<u64>,
     /// Tag 320: red, then green, then blue, of each index.
     pub(in crate::source) palette: Option<Vec<u64>>,
-    /// GDAL's value for pixels that are not there.
-    pub(in crate::source) nodata: Option<f64>,
-    /// Where it lies.
-    pub(in crate::source) geo: Geo,
+    /// Where it lies, and what is said of its bands.
+    pub(in crate::source) account: Account,
     /// `GeoTIFF, tiles 256 x 256, JPEG, 3 bands`.
     pub(in crate::source) description: String,
 }
@@ -40,15 +38,11 @@ pub(in crate::source) struct Meaning {
 impl Raster {
     /// Opens a file: its first image, what it means, and its mask if there is one.
     pub(in crate::source) fn open(path: &Path, limits: &Limits) -> Result<(Self, Meaning, Option<Self>)> {
-        let file = Arc::new(TiffFile::open(path)?);
-        let mut reader = Reader::new(file.cursor(), file.length(), limits)?;
+        let file = Arc::new(TiffFile::open(path, limits)?);
+        let mut reader = Reader::new(&file, limits)?;
         let directories = reader.directories()?;
         let image = directories.first().ok_or_else(|| Error::format("TIFF header", "an image", "none"))?;
         let layout = Layout::read(&mut reader, image, limits, Purpose::Picture)?;
-        let kind = match layout.stored {
-            Stored::Bit => SampleType::Uint8,
-            Stored::Number(kind) => kind,
-        };
         if layout.stored == Stored::Bit && layout.band_count > 1 {
             return Err(Error::unsupported(
                 "several bands of 1 bit",
@@ -56,19 +50,18 @@ impl Raster {
             ));
         }
         let name = if reader.big { "GeoTIFF (big)" } else { "GeoTIFF" };
+        let packed = if file.is_gzipped() { ", gzipped" } else { "" };
         let meaning = Meaning {
             photometric: reader.integer(image, Tag::PhotometricInterpretation)?.unwrap_or(1),
             extra: reader.integers(image, Tag::ExtraSamples)?.unwrap_or_default(),
             palette: reader.integers(image, Tag::ColorMap)?,
-            nodata: reader.text(image, Tag::GdalNodata)?.and_then(|text| metadata::nodata(&text, kind)),
-            geo: georeference::read(&mut reader, image)?.geo,
-            description: format!("{name}, {}", layout.describe()),
+            account: Account::of_tiff(path, georeference::read(&mut reader, image)?, limits)?,
+            description: format!("{name}, {}{packed}", layout.describe()),
         };
-        let mask = match internal_mask(&mut reader, &directories, &layout, limits)? {
+        let mask = match internal_mask(&mut reader, &directories, (&layout, 0), limits)? {
             Some(mask) => Some(Band::new(Arc::clone(&file), mask)),
-            None => external_mask(path, &layout, limits)?,
+            None => external_mask(path, (&layout, 0), limits)?,
         };
-        drop(reader);
         Ok((Self { band: Band::new(file, layout) }, meaning, mask.map(|band| Self { band })))
     }
 
@@ -94,7 +87,7 @@ impl Raster {
 
     /// Bands of which samples stand beside each other in a block.
     pub(in crate::source) fn block_bands(&self) -> usize {
-        // A mask keeps its first band only.
+        // A mask keeps one band only.
         if self.band.layout.all_bands { self.band.layout.bands as usize } else { 1 }
     }
 
@@ -124,7 +117,7 @@ impl Raster {
     /// The samples of a block, which is there, in this machine's byte order, row by row, bands beside each other unless they lie apart.
     /// Rows below the raster may be missing.
     pub(in crate::source) fn decode(&self, block: usize, plane: u32) -> Result<Vec<u8>> {
-        self.band.with_buffers(|buffers| {
+        Band::with_buffers(|buffers| {
             self.band.decode(self.index(block, plane), buffers)?;
             Ok(std::mem::take(&mut buffers.bytes))
         })
@@ -133,10 +126,5 @@ impl Raster {
     /// Where the file is.
     pub(in crate::source) fn path(&self) -> &Path {
         self.band.file.path()
-    }
-
-    /// Its stamp.
-    pub(in crate::source) fn stamp(&self) -> Result<FileStamp> {
-        FileStamp::of(self.path())
     }
 }
