@@ -3,6 +3,9 @@
 //! Sample (column, row) stands at its pixel's centre. Here, and only here, half pixels are added: the stored
 //! geotransform is GDAL's (it maps pixel *corners*, PixelIsArea and PixelIsPoint folded into one).
 
+mod scale;
+
+pub use scale::{Plane, Planes, Scale};
 use serde::{Deserialize, Serialize};
 
 /// What the horizontal coordinates are.
@@ -52,7 +55,7 @@ pub struct Crs {
     pub epsg: Option<u32>,
     /// Name for people; empty if unknown.
     pub name: String,
-    /// OGC WKT 2 where it could be written; empty otherwise.
+    /// OGC WKT 2 of the horizontal part where it could be written, else the source's own text; empty if there is none.
     pub wkt: String,
     /// Ellipsoid, for metres of a degree.
     pub ellipsoid: Ellipsoid,

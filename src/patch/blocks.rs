@@ -325,7 +325,7 @@ mod tests {
                 lattice.code[i] = code;
                 lattice.state[i] = if kind == 0 && i > 100 { FILLED } else { VALID };
             }
-            let geometry = TileGeometry { n, patch: 4, odd, spacing, metres: 1.0 };
+            let geometry = TileGeometry { n, patch: 4, odd, spacing, scale: spacing.into(), metres: 1.0 };
             // Whatever they were before.
             let (mut blocks, mut expected) = (Blocks::default(), Blocks::default());
             blocks.reset(n);

@@ -282,7 +282,7 @@ mod tests {
     fn both(lattice: &Lattice, coding: Coding, patch: usize, odd: bool) -> [Vec<Vec<f64>>; 2] {
         let n = lattice.n;
         let spacing = Spacing { dx: 30.0, dy: 20.0 };
-        let geometry = TileGeometry { n, patch, odd, spacing, metres: 1.0 };
+        let geometry = TileGeometry { n, patch, odd, spacing, scale: spacing.into(), metres: 1.0 };
         let (unit, _) = Blocks::of_leaf(lattice, coding, &geometry);
         let (mut errors, ahead) = leaf(lattice, coding, &unit, &geometry);
         errors.extend(ahead);

@@ -7,7 +7,7 @@ use crate::sample::{Coding, Lattice};
 /// Errors of a leaf tile by metric `bound`; `unit` is the occupancy of its unit cells.
 pub fn leaf_bound(lattice: &Lattice, unit: &[u8], coding: Coding, geometry: &TileGeometry) -> Errors {
     let (vertical, ahead_vertical) = exact::leaf(lattice, coding, unit, geometry);
-    let outline = outline::leaf(&lattice.state, geometry.n, geometry.patch, geometry.odd, geometry.spacing);
+    let outline = outline::leaf(&lattice.state, geometry.n, geometry.patch, geometry.odd, &geometry.scale);
     Errors { vertical, horizontal: outline.steps, ahead_vertical, ahead_horizontal: outline.ahead }
 }
 
@@ -45,7 +45,7 @@ pub fn parent_bound(
         own(&mut errors.ahead_vertical, &|| envelope::coarsest_step(lattice, blocks, coding, geometry));
     let horizontal = own(&mut errors.ahead_horizontal, &|| {
         let (n, patch) = (geometry.n, geometry.patch);
-        outline::above(&lattice.state, &blocks.state, n, patch, geometry.odd, geometry.spacing)
+        outline::above(&lattice.state, &blocks.state, n, patch, geometry.odd, &geometry.scale)
     });
     finish(errors, vertical, horizontal)
 }

@@ -23,7 +23,7 @@ mod rows;
 mod squares;
 mod sums;
 
-use crate::geo::Spacing;
+use crate::geo::{Scale, Spacing};
 
 /// What the error of a tile depends on besides its samples.
 #[derive(Clone, Copy, Debug)]
@@ -34,8 +34,10 @@ pub struct TileGeometry {
     pub patch: usize,
     /// True if tile column + row is odd: the diagonal of a cell as large as the tile is then north-east to south-west.
     pub odd: bool,
-    /// Metres of one interval of the tile.
+    /// Metres of one interval of the tile, at most, of what of it lies within the raster.
     pub spacing: Spacing,
+    /// Metres of its horizontal distances.
+    pub scale: Scale,
     /// Metres of one unit of the numbers that errors are measured in (codes of integers, values of floats).
     pub metres: f64,
 }

@@ -11,6 +11,10 @@
 //! (`patterns`); the others are searches that look closely only at what may be farthest (`search`), and remember what they have
 //! found for the next step.
 //!
+//! Distances are lengths in a plane in which no line between the rows that it passes is shorter than on the ground ([`Planes`]). On a
+//! geographic raster of large pixels every look has a plane of its own, for the rows of what it looks at: all that is compared are upper
+//! bounds in metres, wherever they come from.
+//!
 //! Not here: errors of children. The caller takes the maximum with them.
 
 mod above_cell;
@@ -25,11 +29,11 @@ mod tests;
 
 use std::cell::Cell as ThreadCell;
 
-use crate::geo::Spacing;
+use crate::geo::{Planes, Scale};
 use crate::simd;
 use above_cell::AboveCells;
 use features::{AllAlike, CellBits, Validity};
-use leaf_cell::{Grid, LeafCells};
+use leaf_cell::{Grid, LeafCells, is_long};
 use marks::Marks;
 use patterns::Patterns;
 use search::{Drawing, MIXED, Pyramid};
@@ -58,6 +62,8 @@ struct Scratch {
     patterns: Patterns,
     segments: Segments,
     places: Somewheres,
+    planes: Planes,
+    near: Vec<(usize, usize)>,
 }
 
 thread_local! {
@@ -79,7 +85,7 @@ fn with_scratch<T>(n: usize, work: impl FnOnce(&mut Scratch) -> T) -> T {
 /// `state` holds `(n + 1)^2` samples; `n` and `patch` are powers of two, `2 <= patch <= n <= 2048`, `4 <= n`. `parity`
 /// is the parity of tile x + y: it decides the diagonal of the one cell of spacing `n`. A tile without a void or
 /// without a valid sample costs one look at its samples.
-pub fn leaf(state: &[u8], n: usize, patch: usize, parity: bool, spacing: Spacing) -> LeafOutline {
+pub fn leaf(state: &[u8], n: usize, patch: usize, parity: bool, scale: &Scale) -> LeafOutline {
     debug_assert!(
         n.is_power_of_two() && patch.is_power_of_two() && patch <= n && state.len() == (n + 1) * (n + 1)
     );
@@ -90,7 +96,7 @@ pub fn leaf(state: &[u8], n: usize, patch: usize, parity: bool, spacing: Spacing
     if simd::run(AllAlike { state }) {
         return errors;
     }
-    with_scratch(n, |scratch| leaf_errors(scratch, state, n, parity, usable(spacing), &mut errors));
+    with_scratch(n, |scratch| leaf_errors(scratch, state, n, parity, scale, &mut errors));
     errors
 }
 
@@ -100,22 +106,26 @@ fn leaf_errors(
     state: &[u8],
     n: usize,
     parity: bool,
-    spacing: Spacing,
+    scale: &Scale,
     errors: &mut LeafOutline,
 ) {
-    let Scratch { valid, marks: [marks, _], pyramid, patterns, segments, .. } = scratch;
+    let Scratch { valid, marks: [marks, _], pyramid, patterns, segments, planes, near, .. } = scratch;
+    planes.start(scale, n);
     simd::run(Validity { state, valid });
     marks.outline(valid, n);
     simd::run(CellBits { valid, n, bits: pyramid.start(n) });
     pyramid.build();
-    let half = (0.5 * spacing.dx, 0.5 * spacing.dy);
-    let grid = Grid { valid, n, half };
-    patterns.start(spacing);
-    drawn_twice_as_wide(grid, pyramid.bits(1), patterns, segments, &mut errors.steps);
-    let mut cells = LeafCells { grid, marks, patterns, segments };
+    let grid = Grid { valid, n };
+    patterns.start(planes);
+    // In a long cell the nearest piece of the outline is seldom the one within the square.
+    let first = if planes.is_even() && !is_long(planes.whole()) { 2 } else { 1 };
+    if first == 2 {
+        drawn_twice_as_wide(grid, pyramid.bits(1), planes, (patterns, segments), &mut errors.steps);
+    }
+    let mut cells = LeafCells { grid, planes, marks, patterns, segments, near };
     let (top, p) = (n.ilog2() as usize, errors.steps.len() - 1);
     // Squared until all are there: each starts from the next finer one, since errors grow with the spacing.
-    for level in 2..=top {
+    for level in first..=top {
         let root = level.max(p);
         let drawing = Drawing { valid, level, flip: parity && level == top };
         let side = n >> root;
@@ -145,8 +155,8 @@ fn leaf_errors(
 fn drawn_twice_as_wide(
     grid: Grid,
     bits: &[u8],
-    patterns: &mut Patterns,
-    segments: &mut Segments,
+    planes: &Planes,
+    (patterns, segments): (&mut Patterns, &mut Segments),
     steps: &mut [Vec<f64>],
 ) {
     let (side, p) = (grid.n / 2, steps.len() - 1);
@@ -159,7 +169,7 @@ fn drawn_twice_as_wide(
             }
             for x in (first..).zip(some).filter_map(|(x, &bits)| (bits == MIXED).then_some(x)) {
                 let error = &mut errors[x >> (p - 1)];
-                *error = error.max(patterns.drawn(grid, (x, y), segments));
+                *error = error.max(patterns.drawn(grid, (x, y), planes.over(2 * y, 2 * y + 2), segments));
             }
         }
     }
@@ -176,12 +186,12 @@ fn metres(squared: f64) -> f64 {
 /// them, so only points are looked at whose drawing the last halving of the detail has changed.
 ///
 /// `state` holds its own `(n + 1)^2` samples. `block` says of each of the `n x n` closed blocks (one interval of this
-/// level) what the full resolution has in it: bit 0 a valid sample, bit 1 a void one. `spacing` is of this level's
+/// level) what the full resolution has in it: bit 0 a valid sample, bit 1 a void one. `scale` is of this level's
 /// intervals. `parity` as for [`leaf`]; it matters if there is one patch only. `4 <= patch`.
 ///
 /// A block with both holds a point of the outline, somewhere; so does any path from a valid sample to a void one.
 /// Hence the error is too large by about a block's diagonal at most.
-pub fn above(state: &[u8], block: &[u8], n: usize, patch: usize, parity: bool, spacing: Spacing) -> Vec<f64> {
+pub fn above(state: &[u8], block: &[u8], n: usize, patch: usize, parity: bool, scale: &Scale) -> Vec<f64> {
     debug_assert!(state.len() == (n + 1) * (n + 1) && block.len() == n * n && patch >= 4);
     let side = n / patch;
     let mut errors = vec![0.0; side * side];
@@ -189,29 +199,30 @@ pub fn above(state: &[u8], block: &[u8], n: usize, patch: usize, parity: bool, s
     if any & MIXED != MIXED {
         return errors;
     }
-    let spacing = usable(spacing);
     with_scratch(n, |scratch| {
-        let Scratch { valid, marks: [void, nearest_valid], pyramid, places, .. } = scratch;
+        let Scratch { valid, marks: [void, nearest_valid], pyramid, places, planes, .. } = scratch;
+        planes.start(scale, n);
         simd::run(Validity { state, valid });
         let is_mixed: Vec<u8> = block.iter().map(|&bits| u8::from(bits & MIXED == MIXED)).collect();
         void.places(valid, &is_mixed, n, false);
         nearest_valid.places(valid, &is_mixed, n, true);
         pyramid.start(n).copy_from_slice(block);
         pyramid.build();
-        let half = (0.5 * spacing.dx, 0.5 * spacing.dy);
         let level = patch.ilog2() as usize;
         let drawing = Drawing { valid, level, flip: parity && patch == n };
-        let mut cells =
-            AboveCells { samples: valid, n, finer: patch / 2, void, valid: nearest_valid, half, places };
+        let mut cells = AboveCells {
+            samples: valid,
+            block,
+            n,
+            finer: patch / 2,
+            void,
+            valid: nearest_valid,
+            planes,
+            places,
+        };
         for (i, error) in errors.iter_mut().enumerate() {
             *error = metres(pyramid.farthest(&drawing, level, (i % side, i / side), 0.0, &mut cells));
         }
     });
     errors
-}
-
-/// The spacing with neither side below a millionth of the other: a bound stays one, and nothing is divided by 0.
-fn usable(Spacing { dx, dy }: Spacing) -> Spacing {
-    let least = (dx.max(dy) * 1e-6).max(1e-100);
-    Spacing { dx: dx.max(least), dy: dy.max(least) }
 }

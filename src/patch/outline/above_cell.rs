@@ -1,9 +1,10 @@
 //! A look into one block of a tile above the leaves: its misdrawn points, and what is near it.
 
-use super::leaf_cell::{around, farthest_corner};
+use super::leaf_cell::{around, beside, farthest_corner, is_long, more_halvings, rows_to};
 use super::marks::{HalfPoint, Marks};
-use super::search::{Bound, Ceilings, Cells, Corners};
+use super::search::{Bound, Ceilings, Cells, Corners, HAS_VALID, HAS_VOID};
 use super::shape::{Farthest, Fault, Polygon, Somewhere, Somewheres, triangles};
+use crate::geo::{Plane, Planes};
 use crate::simd;
 
 /// Halvings of a triangle of a block: what the block hides is larger.
@@ -18,6 +19,8 @@ fn is_block([x, y]: HalfPoint) -> bool {
 pub(super) struct AboveCells<'a> {
     /// 1 for each sample that is valid.
     pub(super) samples: &'a [u8],
+    /// [`HAS_VALID`], [`HAS_VOID`] of each of the `n x n` blocks.
+    pub(super) block: &'a [u8],
     pub(super) n: usize,
     /// The next finer spacing.
     pub(super) finer: usize,
@@ -25,7 +28,7 @@ pub(super) struct AboveCells<'a> {
     pub(super) void: &'a Marks,
     /// What is known to hold something valid.
     pub(super) valid: &'a Marks,
-    pub(super) half: (f64, f64),
+    pub(super) planes: &'a Planes,
     pub(super) places: &'a mut Somewheres,
 }
 
@@ -45,26 +48,72 @@ impl AboveCells<'_> {
         }
     }
 
-    /// Collects what is near a block, of the kind that its misdrawn points are not.
-    fn collect(&mut self, (x, y): (usize, usize), fault: Fault) {
-        self.places.clear();
-        let marks = if fault == Fault::Shown { self.valid } else { self.void };
-        let half = self.half;
-        around(marks, half, (x, y), |[fx, fy]| {
-            let away = |mark: i16, cell: usize, half: f64| (f64::from(mark) - 2.0 * cell as f64) * half;
-            self.places.push(Somewhere {
-                centre: (away(fx, x, half.0), away(fy, y, half.1)),
-                half: if is_block([fx, fy]) { half } else { (0.0, 0.0) },
-            });
+    /// Collects what is near a block, of the kind that its misdrawn points are not. Gives the plane that it is in.
+    fn collect(&mut self, (x, y): (usize, usize), fault: Fault) -> Plane {
+        let (marks, kind) =
+            if fault == Fault::Shown { (self.valid, HAS_VALID) } else { (self.void, HAS_VOID) };
+        let own = self.planes.over(y, y + 1);
+        let (mut near, mut count, mut rows) = ([[0; 2]; 5], 0, (y, y + 1));
+        let mut reach = |first: usize, last: usize| rows = (rows.0.min(first), rows.1.max(last));
+        around(marks, own, (x, y), |mark| {
+            let (first, last) = rows_to(mark[1], 0, y, i32::from(is_block(mark)));
+            reach(first, last);
+            near[count] = mark;
+            count += 1;
         });
+        let (is_across, sides) = self.facing((x, y), kind, own);
+        if !is_across {
+            sides.into_iter().flatten().for_each(|row| reach(row, row));
+        }
+        let plane = self.planes.over(rows.0, rows.1);
+        self.places.clear();
+        for &mark in &near[..count] {
+            let away = |mark: i16, block: usize| 0.5 * f64::from(mark) - block as f64;
+            let centre = plane.at(away(mark[0], x), away(mark[1], y));
+            self.places.push(if is_block(mark) {
+                Somewhere::block(centre, plane)
+            } else {
+                Somewhere::point(centre)
+            });
+        }
+        for side in sides.into_iter().flatten() {
+            let away = side as f64 - if is_across { x as f64 } else { y as f64 };
+            let ends =
+                [0.0, 1.0].map(|end| if is_across { plane.at(away, end) } else { plane.at(end, away) });
+            self.places.push(Somewhere::segment(ends[0], ends[1]));
+        }
+        plane
+    }
+
+    /// The sides of the nearest blocks of one kind alone that face a long block, across its narrow side (true: columns, else rows): there
+    /// its corners are far.
+    fn facing(&self, (x, y): (usize, usize), kind: u8, plane: Plane) -> (bool, [Option<usize>; 2]) {
+        if !is_long(plane) {
+            return (true, [None; 2]);
+        }
+        let (across, down) = beside(plane);
+        let (is_across, count) = (across > down, across.max(down));
+        let own = if is_across { x } else { y };
+        let is_kind = |along: usize| {
+            let (x, y) = if is_across { (along, y) } else { (x, along) };
+            self.block[y * self.n + x] == kind
+        };
+        let before = (own.saturating_sub(count)..own).rev().find(|&along| is_kind(along));
+        let after = (own + 1..(own + 1 + count).min(self.n)).find(|&along| is_kind(along));
+        (is_across, [before.map(|along| along + 1), after])
     }
 }
 
 impl Cells for AboveCells<'_> {
     fn reach(&mut self, level: usize, at: (usize, usize), _: u8) -> [f64; 2] {
         let centre = [(2 * at.0 + 1) << level, (2 * at.1 + 1) << level];
-        let reach = |mark: HalfPoint| farthest_corner(mark, level, at, self.half, i32::from(is_block(mark)));
-        [self.valid, self.void].map(|marks| marks.nearest(centre, self.half).map_or(0.0, reach))
+        let own = self.planes.over(at.1 << level, (at.1 + 1) << level);
+        let reach = |mark: HalfPoint| {
+            let extent = i32::from(is_block(mark));
+            let (first, last) = rows_to(mark[1], level, at.1, extent);
+            farthest_corner(mark, level, at, self.planes.over(first, last), extent)
+        };
+        [self.valid, self.void].map(|marks| marks.nearest(centre, own).map_or(0.0, reach))
     }
 
     fn look(
@@ -75,7 +124,6 @@ impl Cells for AboveCells<'_> {
         _: &mut Ceilings,
         bound: &mut Bound,
     ) {
-        let size = (2.0 * self.half.0, 2.0 * self.half.1);
         let at = |sample| self.drawn_finer(sample);
         let finer = [at((x, y)), at((x + 1, y)), at((x, y + 1)), at((x + 1, y + 1))];
         for fault in [Fault::Shown, Fault::Hidden] {
@@ -83,12 +131,18 @@ impl Cells for AboveCells<'_> {
                 continue;
             }
             let [first, second] = triangles((x + y) % 2 == 0);
-            let misdrawn = |triangle| Polygon::misdrawn(triangle, size, finer, drawn, fault);
-            let parts = [misdrawn(first), misdrawn(second)];
+            let misdrawn = |triangle, plane| Polygon::misdrawn(triangle, plane, finer, drawn, fault);
+            // Whether there is such a part does not depend on the plane.
+            let own = self.planes.over(y, y + 1);
+            let mut parts = [misdrawn(first, own), misdrawn(second, own)];
             if parts.iter().any(Option::is_some) {
-                self.collect((x, y), fault);
+                let plane = self.collect((x, y), fault);
+                if plane != own {
+                    parts = [misdrawn(first, plane), misdrawn(second, plane)];
+                }
                 let things = &mut *self.places;
-                simd::run(Farthest { polygons: &parts, things, halvings: ABOVE_HALVINGS, bound });
+                let halvings = ABOVE_HALVINGS + more_halvings(plane);
+                simd::run(Farthest { polygons: &parts, things, halvings, bound });
             }
         }
     }

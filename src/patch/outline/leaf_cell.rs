@@ -4,21 +4,53 @@ use super::marks::{HalfPoint, Marks};
 use super::patterns::Patterns;
 use super::search::{Bound, Ceilings, Cells, Corners, MIXED};
 use super::shape::{Farthest, Fault, Polygon, Segment, Segments, triangles};
+use crate::geo::{Plane, Planes};
 use crate::simd;
 
-/// Halvings of a triangle of a leaf cell: its sides shrink to 1/32.
-pub(super) const LEAF_HALVINGS: u32 = 10;
+/// Halvings of a triangle of a square leaf cell: its sides shrink to 1/32.
+const LEAF_HALVINGS: u32 = 10;
+/// Times that one side of a cell may be as long as the other is wide before more cells than those beside it are looked at.
+const LONG: f64 = 2.0;
+/// Cells to either side that are looked at, at most.
+const MOST_BESIDE: f64 = 64.0;
 
-/// The marks nearest to the corners and to the centre of cell `(x, y)`, each once. Half an interval is `half` long.
-pub(super) fn around(
-    marks: &Marks,
-    half: (f64, f64),
-    (x, y): (usize, usize),
-    mut take: impl FnMut(HalfPoint),
-) {
+/// How often a triangle of a leaf cell may be halved.
+pub(super) fn halvings(plane: Plane) -> u32 {
+    LEAF_HALVINGS + more_halvings(plane)
+}
+
+/// How much more often a triangle of a long cell may be halved.
+pub(super) fn more_halvings(plane: Plane) -> u32 {
+    let (across, down) = beside(plane);
+    across.max(down).next_power_of_two().ilog2()
+}
+
+/// How many cells to either side, across and down, are looked at: the next, and where cells are narrow those that are nearer than a
+/// cell is long.
+pub(super) fn beside(plane: Plane) -> (usize, usize) {
+    let (across, down) = elongation(plane);
+    let count = |long: f64| if long > LONG { long.min(MOST_BESIDE).ceil() as usize } else { 1 };
+    (count(across), count(down))
+}
+
+/// True if cells are much longer than they are wide.
+pub(super) fn is_long(plane: Plane) -> bool {
+    let (across, down) = elongation(plane);
+    across.max(down) > LONG
+}
+
+/// How many cells across, and how many down, are as wide as the longer side of a cell is long.
+fn elongation(plane: Plane) -> (f64, f64) {
+    let row = plane.row();
+    let long = plane.dx.max(row);
+    (long * row / (plane.dx * plane.dy), long / plane.dy)
+}
+
+/// The marks nearest to the corners and to the centre of cell `(x, y)` in a plane, each once.
+pub(super) fn around(marks: &Marks, plane: Plane, (x, y): (usize, usize), mut take: impl FnMut(HalfPoint)) {
     let mut seen = [[-1; 2]; 5];
     for (count, (i, j)) in [(1, 1), (0, 0), (2, 0), (0, 2), (2, 2)].into_iter().enumerate() {
-        let Some(mark) = marks.nearest([2 * x + i, 2 * y + j], half) else { return };
+        let Some(mark) = marks.nearest([2 * x + i, 2 * y + j], plane) else { return };
         if !seen.contains(&mark) {
             seen[count] = mark;
             take(mark);
@@ -32,15 +64,25 @@ pub(super) fn farthest_corner(
     [mark_x, mark_y]: HalfPoint,
     level: usize,
     (x, y): (usize, usize),
-    half: (f64, f64),
+    plane: Plane,
     extent: i32,
 ) -> f64 {
-    let away = |mark: i16, place: usize| {
-        let centre = (2 * place as i32 + 1) << level;
-        f64::from((i32::from(mark) - centre).abs() + (1 << level) + extent)
-    };
-    let (across, down) = (away(mark_x, x) * half.0, away(mark_y, y) * half.1);
-    across * across + down * down
+    let away = |mark: i16, place: usize| i32::from(mark) - ((2 * place as i32 + 1) << level);
+    let (across, down, size) = (away(mark_x, x), away(mark_y, y), (1 << level) + extent);
+    let half = |intervals: i32| 0.5 * f64::from(intervals);
+    if plane.skew == 0.0 {
+        return plane.squared(half(across.abs() + size), half(down.abs() + size));
+    }
+    let corners = [(1, 1), (1, -1), (-1, 1), (-1, -1)];
+    let squared = |(i, j): (i32, i32)| plane.squared(half(across + i * size), half(down + j * size));
+    corners.into_iter().map(squared).fold(0.0, f64::max)
+}
+
+/// Rows of samples that a square of `2^level` cells and a mark that is `extent` half intervals tall are in.
+pub(super) fn rows_to(mark_y: i16, level: usize, y: usize, extent: i32) -> (usize, usize) {
+    let (north, south) = (i32::from(mark_y) - extent, i32::from(mark_y) + extent);
+    let (north, south) = (north.max(0) as usize / 2, (south.max(0) as usize).div_ceil(2));
+    (north.min(y << level), south.max((y + 1) << level))
 }
 
 /// True if not all corners are alike.
@@ -54,8 +96,6 @@ pub(super) struct Grid<'a> {
     /// 1 for each of `(n + 1)^2` samples that is valid.
     pub(super) valid: &'a [u8],
     pub(super) n: usize,
-    /// Metres of half an interval, across and down.
-    pub(super) half: (f64, f64),
 }
 
 impl Grid<'_> {
@@ -72,15 +112,21 @@ impl Grid<'_> {
         (x, y): (usize, usize),
         drawn: Corners,
         fault: Fault,
+        plane: Plane,
     ) -> [Option<Polygon>; 2] {
         let full = self.full(x, y).map(f64::from);
-        let size = (2.0 * self.half.0, 2.0 * self.half.1);
         triangles((x + y).is_multiple_of(2))
-            .map(|triangle| Polygon::misdrawn(triangle, size, full, drawn, fault))
+            .map(|triangle| Polygon::misdrawn(triangle, plane, full, drawn, fault))
     }
 
-    /// Adds the pieces of the outline in cell `(x, y)`, as seen from the corner of cell `from`.
-    pub(super) fn push_segments(self, segments: &mut Segments, from: (usize, usize), (x, y): (usize, usize)) {
+    /// Adds the pieces of the outline in cell `(x, y)`, as seen from the corner of cell `from` in a plane.
+    pub(super) fn push_segments(
+        self,
+        segments: &mut Segments,
+        from: (usize, usize),
+        (x, y): (usize, usize),
+        plane: Plane,
+    ) {
         let full = self.full(x, y);
         if !is_mixed(full) {
             return;
@@ -94,13 +140,10 @@ impl Grid<'_> {
                 (false, false) => [b, a, c],
             };
             let midpoint = |other: usize| {
-                let half = |cell: usize, from: usize, corners: usize| {
-                    2.0 * (cell as f64 - from as f64) + corners as f64
+                let away = |cell: usize, from: usize, corners: usize| {
+                    cell as f64 - from as f64 + 0.5 * corners as f64
                 };
-                (
-                    half(x, from.0, odd % 2 + other % 2) * self.half.0,
-                    half(y, from.1, odd / 2 + other / 2) * self.half.1,
-                )
+                plane.at(away(x, from.0, odd % 2 + other % 2), away(y, from.1, odd / 2 + other / 2))
             };
             segments.push(Segment::new(midpoint(u), midpoint(v)));
         }
@@ -110,30 +153,51 @@ impl Grid<'_> {
 /// Cells of a leaf tile.
 pub(super) struct LeafCells<'a> {
     pub(super) grid: Grid<'a>,
+    pub(super) planes: &'a Planes,
     /// Vertices of the outline.
     pub(super) marks: &'a Marks,
     pub(super) patterns: &'a mut Patterns,
     pub(super) segments: &'a mut Segments,
+    /// Room for the cells near one.
+    pub(super) near: &'a mut Vec<(usize, usize)>,
 }
 
 impl LeafCells<'_> {
-    /// Collects the pieces of the outline near a cell.
-    fn collect(&mut self, at: (usize, usize)) {
+    /// Collects the pieces of the outline near a cell. Gives the plane that they are in.
+    fn collect(&mut self, at: (usize, usize)) -> Plane {
+        self.near.clear();
+        let own = self.planes.over(at.1, at.1 + 1);
+        self.beside(at, own);
+        // The outline within a cell and beside it is near enough to all of it.
+        if !is_mixed(self.grid.full(at.0, at.1)) {
+            self.around(at, own);
+        }
+        let (first, last) = self.near.iter().fold((at.1, at.1), |(a, b), &(_, y)| (a.min(y), b.max(y)));
+        let plane = self.planes.over(first, last + 1);
         self.segments.clear();
-        let n = self.grid.n;
-        for y in at.1.saturating_sub(1)..=(at.1 + 1).min(n - 1) {
-            for x in at.0.saturating_sub(1)..=(at.0 + 1).min(n - 1) {
-                self.grid.push_segments(self.segments, at, (x, y));
+        for &cell in &*self.near {
+            self.grid.push_segments(self.segments, at, cell, plane);
+        }
+        plane
+    }
+
+    /// Adds the cells beside one.
+    fn beside(&mut self, at: (usize, usize), plane: Plane) {
+        let last = self.grid.n - 1;
+        let (across, down) = beside(plane);
+        for y in at.1.saturating_sub(down)..=(at.1 + down).min(last) {
+            for x in at.0.saturating_sub(across)..=(at.0 + across).min(last) {
+                if is_mixed(self.grid.full(x, y)) {
+                    self.near.push((x, y));
+                }
             }
         }
-        // The outline within a cell and beside it is near enough to all of it.
-        if is_mixed(self.grid.full(at.0, at.1)) {
-            return;
-        }
-        // Five marks at most, each of up to four cells.
-        let mut seen = [(0, 0); 20];
-        let mut count = 0;
-        around(self.marks, self.grid.half, at, |[fx, fy]| {
+    }
+
+    /// Adds the cells of the vertices nearest to the corners and to the centre of one: five at most, each of up to four cells.
+    fn around(&mut self, at: (usize, usize), plane: Plane) {
+        let n = self.grid.n;
+        around(self.marks, plane, at, |[fx, fy]| {
             // A vertex on a side belongs to the cells on both sides of it.
             let cells = |feature: i16| {
                 let feature = feature as usize;
@@ -142,11 +206,8 @@ impl LeafCells<'_> {
             let ((west, east), (north, south)) = (cells(fx), cells(fy));
             for y in north..=south {
                 for x in west..=east {
-                    let beside = x.abs_diff(at.0) <= 1 && y.abs_diff(at.1) <= 1;
-                    if !beside && !seen[..count].contains(&(x, y)) {
-                        seen[count] = (x, y);
-                        count += 1;
-                        self.grid.push_segments(self.segments, at, (x, y));
+                    if is_mixed(self.grid.full(x, y)) && !self.near.contains(&(x, y)) {
+                        self.near.push((x, y));
                     }
                 }
             }
@@ -156,21 +217,23 @@ impl LeafCells<'_> {
 
 impl Cells for LeafCells<'_> {
     fn reach(&mut self, level: usize, at: (usize, usize), bits: u8) -> [f64; 2] {
+        let (first, last) = (at.1 << level, (at.1 + 1) << level);
+        let plane = self.planes.over(first, last);
         if bits == MIXED {
             // The outline is within.
             return match level {
-                0 => self.patterns.cell(self.grid, at, self.segments),
-                1 => self.patterns.square(self.grid, at, self.segments),
+                0 => self.patterns.cell(self.grid, at, plane, self.segments),
+                1 => self.patterns.square(self.grid, at, plane, self.segments),
                 _ => {
-                    let size = (2 << level) as f64;
-                    let (across, down) = (size * self.grid.half.0, size * self.grid.half.1);
-                    [across * across + down * down; 2]
+                    let size = f64::from(1 << level);
+                    [plane.squared(size, size).max(plane.squared(size, -size)); 2]
                 }
             };
         }
         let centre = [(2 * at.0 + 1) << level, (2 * at.1 + 1) << level];
-        let mark = self.marks.nearest(centre, self.grid.half);
-        [mark.map_or(0.0, |mark| farthest_corner(mark, level, at, self.grid.half, 0)); 2]
+        let Some(mark) = self.marks.nearest(centre, plane) else { return [0.0; 2] };
+        let (first, last) = rows_to(mark[1], level, at.1, 0);
+        [farthest_corner(mark, level, at, self.planes.over(first, last), 0); 2]
     }
 
     fn look(
@@ -181,18 +244,22 @@ impl Cells for LeafCells<'_> {
         ceilings: &mut Ceilings,
         bound: &mut Bound,
     ) {
+        let mut collected = None;
         for fault in [Fault::Shown, Fault::Hidden] {
             if !faults[fault as usize] || bound.settles(ceilings.of(fault as usize)) {
                 continue;
             }
-            let parts = self.grid.misdrawn(at, drawn, fault);
+            // Whether there is such a part does not depend on the plane.
+            let own = self.planes.over(at.1, at.1 + 1);
+            let parts = self.grid.misdrawn(at, drawn, fault, own);
             if parts.iter().all(Option::is_none) {
                 continue;
             }
-            self.collect(at);
+            let plane = *collected.get_or_insert_with(|| self.collect(at));
+            let parts = if plane == own { parts } else { self.grid.misdrawn(at, drawn, fault, plane) };
             let mut part = bound.part();
             let things = &mut *self.segments;
-            simd::run(Farthest { polygons: &parts, things, halvings: LEAF_HALVINGS, bound: &mut part });
+            simd::run(Farthest { polygons: &parts, things, halvings: halvings(plane), bound: &mut part });
             let top = bound.join(part);
             if drawn.iter().all(|&value| fault.concerns(value)) {
                 ceilings.lower(fault as usize, top);

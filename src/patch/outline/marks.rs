@@ -6,6 +6,7 @@
 //! one half row, from near to far, until the columns are farther than what it has found. (The two passes of a distance
 //! transform, Felzenszwalb & Huttenlocher 2012, with the second one only where it is asked for.)
 
+use crate::geo::Plane;
 use crate::simd::{self, Kernel};
 
 /// A point of the half lattice: column, row.
@@ -19,6 +20,8 @@ const BLOCK: usize = 2 * LANES;
 const VECTOR: usize = 32;
 /// Half rows to the nearest mark of a half column: none that is nearer than this.
 const FAR: u8 = u8::MAX;
+/// Cosine of the angle between columns and rows up to which distances are as if it were a right one: within a tenth.
+const SHEARED: f64 = 0.09;
 
 /// Marked points of the half lattice of a tile.
 #[derive(Debug, Default)]
@@ -198,35 +201,46 @@ impl Marks {
         self.down[(2 * y + x % 2) * self.stride + x / 2]
     }
 
-    /// The mark nearest to a point of the half lattice, where half an interval is `half` (across, down) long; `None` if there
-    /// are no marks. Of marks as far, up to the rounding of f32, any one.
-    pub(super) fn nearest(&self, [x, y]: [usize; 2], half: (f64, f64)) -> Option<HalfPoint> {
+    /// The mark nearest to a point of the half lattice in a plane; `None` if there are no marks. Of marks as far, up to the rounding of
+    /// f32 (up to a tenth if the plane is sheared), any one.
+    pub(super) fn nearest(&self, [x, y]: [usize; 2], plane: Plane) -> Option<HalfPoint> {
         // In units of half an interval across.
-        let ratio = (half.1 / half.0) * (half.1 / half.0);
+        let row = plane.row() / plane.dx;
+        let ratio = row * row;
+        if plane.skew.abs() > SHEARED * plane.row() {
+            return self.far([x, y], plane.dy / plane.row(), plane.skew / plane.dx / ratio, ratio);
+        }
         let (column, squared) = simd::run(Near { marks: self, from: [x, y], ratio: ratio as f32 });
         // A mark that is farther in its column may be nearer.
         if f64::from(squared) >= f64::from(FAR) * f64::from(FAR) * ratio * (1.0 - 1e-6) {
-            return self.far([x, y], ratio);
+            return self.far([x, y], 1.0, 0.0, ratio);
         }
         let down = usize::from(self.down(column, y));
         let row = if y >= down && self.down(column, y - down) == 0 { y - down } else { y + down };
         Some([column as i16, row as i16])
     }
 
-    /// The nearest mark wherever it is.
+    /// The nearest mark wherever it is, `i` half columns and `j` half rows away: by `ratio (j + lean i)^2 + (apart i)^2`.
     #[cold]
-    fn far(&self, [x, y]: [usize; 2], ratio: f64) -> Option<HalfPoint> {
-        let (mut found, mut least) = (None, f64::INFINITY);
-        for across in 0..=2 * self.n {
-            if (across * across) as f64 >= least {
+    fn far(&self, [x, y]: [usize; 2], apart: f64, lean: f64, ratio: f64) -> Option<HalfPoint> {
+        let (mut found, mut least, last) = (None, f64::INFINITY, 2 * self.n);
+        for across in 0..=last {
+            if (across as f64 * apart).powi(2) >= least {
                 break;
             }
-            for column in [x.wrapping_sub(across), x + across] {
-                let row = if column <= 2 * self.n { self.nearest_in_column(column, y) } else { None };
-                let Some(row) = row else { continue };
-                let squared = (across * across) as f64 + (row.abs_diff(y) * row.abs_diff(y)) as f64 * ratio;
-                if squared < least {
-                    (found, least) = (Some([column as i16, row as i16]), squared);
+            for (column, away) in [(x.wrapping_sub(across), -(across as f64)), (x + across, across as f64)] {
+                if column > last {
+                    continue;
+                }
+                // Where the half column is nearest: between two half rows.
+                let middle = (y as f64 - lean * away).clamp(0.0, last as f64);
+                for asked in [middle.floor() as usize, middle.ceil() as usize] {
+                    let Some(row) = self.nearest_in_column(column, asked) else { break };
+                    let down = row as f64 - y as f64 + lean * away;
+                    let squared = (away * apart).powi(2) + down * down * ratio;
+                    if squared < least {
+                        (found, least) = (Some([column as i16, row as i16]), squared);
+                    }
                 }
             }
         }
@@ -393,11 +407,15 @@ mod tests {
     }
 
     fn nearest_is_nearest(marks: &Marks, n: usize, half: (f64, f64)) {
+        let plane = Plane { dx: half.0, skew: 0.0, dy: half.1 };
+        nearest_in_plane(marks, n, plane);
+    }
+
+    fn nearest_in_plane(marks: &Marks, n: usize, plane: Plane) {
         let marked = all(marks, n);
         let squared = |[x, y]: HalfPoint, at: [usize; 2]| {
-            let across = f64::from(x) - at[0] as f64;
-            let down = f64::from(y) - at[1] as f64;
-            (across * half.0).powi(2) + (down * half.1).powi(2)
+            let (across, down) = (f64::from(x) - at[0] as f64, f64::from(y) - at[1] as f64);
+            (across * plane.dx + down * plane.skew).powi(2) + (down * plane.dy).powi(2)
         };
         let step = if n > 256 {
             1499
@@ -408,12 +426,12 @@ mod tests {
         };
         for i in (0..(2 * n + 1) * (2 * n + 1)).step_by(step) {
             let at = [i % (2 * n + 1), i / (2 * n + 1)];
-            match marks.nearest(at, half) {
+            match marks.nearest(at, plane) {
                 None => assert!(marked.is_empty()),
                 Some(found) => {
                     let least = marked.iter().map(|&mark| squared(mark, at)).fold(f64::INFINITY, f64::min);
                     assert!(marked.contains(&found), "{found:?} is no mark");
-                    assert!(squared(found, at) <= least * (1.0 + 1e-6), "{at:?}: {found:?}, {half:?}");
+                    assert!(squared(found, at) <= least * (1.0 + 1e-6), "{at:?}: {found:?}, {plane:?}");
                 }
             }
         }
@@ -435,7 +453,22 @@ mod tests {
         }
         let mut marks = Marks::default();
         marks.outline(&vec![1; (n + 1) * (n + 1)], n);
-        assert_eq!(marks.nearest([7, 9], (1.0, 1.0)), None);
+        assert_eq!(marks.nearest([7, 9], Plane { dx: 1.0, skew: 0.0, dy: 1.0 }), None);
+    }
+
+    #[test]
+    fn marks_of_a_sheared_lattice_are_found() {
+        for (n, seed) in [(16, 5), (16, 9), (128, 7)] {
+            let mut marks = Marks::default();
+            for rarity in [7, 60] {
+                marks.outline(&samples(n + 1, rarity, seed), n);
+                for (dx, skew, dy) in [(1.0, 0.5, 1.0), (1.0, -5.0, 2.0), (9.0, 3.0, 1.0), (2.0, -10.0, 40.0)]
+                {
+                    let plane = Plane { dx, skew, dy };
+                    nearest_in_plane(&marks, n, plane);
+                }
+            }
+        }
     }
 
     proptest! {

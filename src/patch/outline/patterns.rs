@@ -4,10 +4,10 @@
 //! A bound: the outline elsewhere may be nearer. Most squares that are drawn at twice the spacing have the nearest piece of the
 //! outline within, and voids have the same few patterns over and over, so each is looked into once for many tiles.
 
-use super::leaf_cell::{Grid, LEAF_HALVINGS};
+use super::leaf_cell::{Grid, halvings};
 use super::search::{Bound, Corners, drawn, quarters, shares};
 use super::shape::{Farthest, Fault, Segments};
-use crate::geo::Spacing;
+use crate::geo::{Plane, Planes};
 use crate::simd;
 
 /// Patterns of the nine samples of a square.
@@ -16,8 +16,12 @@ const SQUARES: usize = 1 << 9;
 const CELLS: usize = 1 << 5;
 /// The cells of a square, as quarters of it.
 const QUARTERS: [(usize, usize); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
-/// Bits of the ratio of a cell's sides that are not looked at.
-const RATIO_BITS: u64 = (1 << 45) - 1;
+/// Bits of the ratio of a cell's sides that are not looked at: those below 1 / 128.
+const RATIO_BITS: u32 = 45;
+/// The same in a tile whose rows have ratios of their own: those below 1 / 16.
+const RATIO_BITS_UNEVEN: u32 = 48;
+/// Shapes of cells that are kept.
+const SHAPES: usize = 32;
 /// Points that a square may have misdrawn: all that are void, all that are valid; those of one drawn cell with either diagonal.
 const WAYS: usize = 4;
 /// What has not been looked into.
@@ -25,75 +29,131 @@ const UNKNOWN: f64 = -1.0;
 /// Both faults.
 const BOTH: [Fault; 2] = [Fault::Shown, Fault::Hidden];
 
-/// Largest squared distances of points from the outline, by patterns; a side of a cell is 1 interval, the other one `ratio`.
-///
-/// The ratio is rounded up by less than 1 / 128, so that it is the same for many rows of tiles: distances in longer cells are no
-/// smaller.
+/// Largest squared distances of points from the outline, by patterns, in cells of a few shapes.
 #[derive(Debug, Default)]
 pub(super) struct Patterns {
-    ratio: f64,
-    /// Square metres of a square interval across.
-    scale: f64,
+    shapes: Vec<Shape>,
+    /// Which of them was asked last.
+    last: usize,
+    ratio_bits: u32,
+}
+
+/// Distances in cells of one shape; a side of a cell is 1 interval.
+///
+/// The ratio to the other side is rounded up by little, so that it is the same for many rows of tiles: distances in longer cells are no
+/// smaller. (Sheared ones are taken as they are.)
+#[derive(Debug)]
+struct Shape {
+    plane: Plane,
     /// For each pattern, for each of the ways.
     squares: Vec<[f64; WAYS]>,
     /// For each pattern, for each fault.
     cells: Vec<[f64; 2]>,
 }
 
+impl Shape {
+    fn new(plane: Plane) -> Self {
+        Self { plane, squares: vec![[UNKNOWN; WAYS]; SQUARES], cells: vec![[UNKNOWN; 2]; CELLS] }
+    }
+}
+
 impl Patterns {
     /// Starts a tile.
-    pub(super) fn start(&mut self, spacing: Spacing) {
-        let ratio = spacing.dy / spacing.dx;
-        let ratio = f64::from_bits((ratio.to_bits() + RATIO_BITS) & !RATIO_BITS);
-        self.scale = spacing.dx * spacing.dx;
-        if self.ratio != ratio {
-            self.ratio = ratio;
-            self.squares.clear();
-            self.squares.resize(SQUARES, [UNKNOWN; WAYS]);
-            self.cells.clear();
-            self.cells.resize(CELLS, [UNKNOWN; 2]);
-        }
+    pub(super) fn start(&mut self, planes: &Planes) {
+        self.ratio_bits = if planes.is_even() { RATIO_BITS } else { RATIO_BITS_UNEVEN };
     }
 
-    /// For each fault, the bound of all points of a cell that it is possible at; square metres.
-    pub(super) fn cell(&mut self, grid: Grid, (x, y): (usize, usize), segments: &mut Segments) -> [f64; 2] {
+    /// The shape that the cells of a plane have.
+    #[inline]
+    fn shape(&mut self, plane: Plane) -> &mut Shape {
+        let rest = (1_u64 << self.ratio_bits) - 1;
+        let ratio = plane.dy / plane.dx;
+        let plane = if plane.skew == 0.0 {
+            Plane { dx: 1.0, skew: 0.0, dy: f64::from_bits((ratio.to_bits() + rest) & !rest) }
+        } else {
+            Plane { dx: 1.0, skew: plane.skew / plane.dx * (1.0 + 1e-12), dy: ratio * (1.0 + 1e-12) }
+        };
+        if self.shapes.get(self.last).is_none_or(|shape| shape.plane != plane) {
+            self.find(plane);
+        }
+        &mut self.shapes[self.last]
+    }
+
+    /// Makes the shape of a plane the last one.
+    #[inline(never)]
+    fn find(&mut self, plane: Plane) {
+        let place = self.shapes.iter().position(|shape| shape.plane == plane);
+        self.last = place.unwrap_or_else(|| {
+            if self.shapes.len() == SHAPES {
+                self.shapes.clear();
+            }
+            self.shapes.push(Shape::new(plane));
+            self.shapes.len() - 1
+        });
+    }
+
+    /// For each fault, the bound of all points of a cell of a plane that it is possible at; square metres.
+    pub(super) fn cell(
+        &mut self,
+        grid: Grid,
+        (x, y): (usize, usize),
+        plane: Plane,
+        segments: &mut Segments,
+    ) -> [f64; 2] {
+        let shape = self.shape(plane);
         let [nw, ne, sw, se] = grid.full(x, y);
         let odd = (x + y) % 2;
         let pattern = usize::from(nw | ne << 1 | sw << 2 | se << 3) | odd << 4;
-        if self.cells[pattern][0] == UNKNOWN {
+        if shape.cells[pattern][0] == UNKNOWN {
             // A cell with that diagonal is the western or the eastern one in the north of a square.
             let mut samples = [0; 9];
             for (corner, sample) in [nw, ne, sw, se].into_iter().enumerate() {
                 samples[corner / 2 * 3 + corner % 2 + odd] = sample;
             }
             let mut of =
-                |fault: Fault| self.farthest(&samples, &[(odd, 0)], &[fault], |_| all_of(fault), segments);
-            self.cells[pattern] = [of(Fault::Shown), of(Fault::Hidden)];
+                |fault: Fault| shape.farthest(&samples, &[(odd, 0)], &[fault], |_| all_of(fault), segments);
+            shape.cells[pattern] = [of(Fault::Shown), of(Fault::Hidden)];
         }
-        self.cells[pattern].map(|squared| squared * self.scale)
+        shape.cells[pattern].map(|squared| squared * plane.dx * plane.dx)
     }
 
     /// For each fault, the bound of all points of the square of 2 x 2 cells at `(2x, 2y)` that it is possible at; square metres.
-    pub(super) fn square(&mut self, grid: Grid, at: (usize, usize), segments: &mut Segments) -> [f64; 2] {
-        let pattern = pattern(grid, at);
-        [self.of_square(pattern, 0, segments), self.of_square(pattern, 1, segments)]
+    pub(super) fn square(
+        &mut self,
+        grid: Grid,
+        at: (usize, usize),
+        plane: Plane,
+        segments: &mut Segments,
+    ) -> [f64; 2] {
+        let (shape, pattern) = (self.shape(plane), pattern(grid, at));
+        let of = [shape.of_square(pattern, 0, segments), shape.of_square(pattern, 1, segments)];
+        of.map(|squared| squared * plane.dx * plane.dx)
     }
 
     /// The bound of the misdrawn points of the square at `(2x, 2y)`, drawn as one cell; square metres.
-    pub(super) fn drawn(&mut self, grid: Grid, (x, y): (usize, usize), segments: &mut Segments) -> f64 {
-        self.of_square(pattern(grid, (x, y)), 2 + (x + y) % 2, segments)
+    pub(super) fn drawn(
+        &mut self,
+        grid: Grid,
+        (x, y): (usize, usize),
+        plane: Plane,
+        segments: &mut Segments,
+    ) -> f64 {
+        let squared = self.shape(plane).of_square(pattern(grid, (x, y)), 2 + (x + y) % 2, segments);
+        squared * plane.dx * plane.dx
     }
+}
 
+impl Shape {
     /// One of the ways of a pattern.
     #[inline]
     fn of_square(&mut self, pattern: usize, way: usize, segments: &mut Segments) -> f64 {
         if self.squares[pattern][way] == UNKNOWN {
             self.squares[pattern][way] = self.look_into(pattern, way, segments);
         }
-        self.squares[pattern][way] * self.scale
+        self.squares[pattern][way]
     }
 
-    /// What [`Patterns::of_square`] remembers.
+    /// What [`Shape::of_square`] remembers.
     #[cold]
     fn look_into(&self, pattern: usize, way: usize, segments: &mut Segments) -> f64 {
         let samples: [u8; 9] = std::array::from_fn(|i| (pattern >> i & 1) as u8);
@@ -114,20 +174,20 @@ impl Patterns {
         drawn: impl Fn(usize) -> Corners,
         segments: &mut Segments,
     ) -> f64 {
-        let grid = Grid { valid: samples, n: 2, half: (0.5, 0.5 * self.ratio) };
+        let grid = Grid { valid: samples, n: 2 };
         let mut bound = Bound::default();
         for (quarter, &at) in cells.iter().enumerate() {
             segments.clear();
             for &cell in cells {
-                grid.push_segments(segments, at, cell);
+                grid.push_segments(segments, at, cell, self.plane);
             }
             for &fault in faults {
-                let polygons = grid.misdrawn(at, drawn(quarter), fault);
+                let polygons = grid.misdrawn(at, drawn(quarter), fault, self.plane);
                 let things = &mut *segments;
                 simd::run(Farthest {
                     polygons: &polygons,
                     things,
-                    halvings: LEAF_HALVINGS,
+                    halvings: halvings(self.plane),
                     bound: &mut bound,
                 });
             }

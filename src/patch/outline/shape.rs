@@ -7,6 +7,7 @@
 //! coarse the triangle is halved.
 
 use super::search::{Bound, Corners};
+use crate::geo::Plane;
 use crate::simd::Kernel;
 
 /// Corners (of north-west, north-east, south-west, south-east) of the two triangles of a cell.
@@ -38,6 +39,15 @@ impl Segment {
         let along = (to.0 - from.0, to.1 - from.1);
         Self { from, along, inverse: 1.0 / (along.0 * along.0 + along.1 * along.1) }
     }
+
+    /// The way to a point from the nearest of the segment.
+    #[inline(always)]
+    fn away(&self, x: f64, y: f64) -> (f64, f64) {
+        let (x, y) = (x - self.from.0, y - self.from.1);
+        let t = (x * self.along.0 + y * self.along.1) * self.inverse;
+        let t = smaller(larger(t, 0.0), 1.0);
+        (x - t * self.along.0, y - t * self.along.1)
+    }
 }
 
 impl Convex for Segment {
@@ -45,23 +55,41 @@ impl Convex for Segment {
     fn squared(&self, x: [f64; LANES], y: [f64; LANES]) -> [f64; LANES] {
         let mut squared = [0.0; LANES];
         for i in 0..LANES {
-            let (x, y) = (x[i] - self.from.0, y[i] - self.from.1);
-            let t = (x * self.along.0 + y * self.along.1) * self.inverse;
-            let t = smaller(larger(t, 0.0), 1.0);
-            let (x, y) = (x - t * self.along.0, y - t * self.along.1);
+            let (x, y) = self.away(x[i], y[i]);
             squared[i] = x * x + y * y;
         }
         squared
     }
 }
 
-/// A rectangle somewhere in which there is a point of the outline: its distance is that of its farthest corner.
+/// A parallelogram somewhere in which there is a point of the outline: its distance is that of its farthest corner. Or a segment.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Somewhere {
-    /// Its centre.
-    pub(super) centre: (f64, f64),
-    /// Half its width and height; 0 for a point.
-    pub(super) half: (f64, f64),
+    /// The centre, or the segment.
+    middle: Segment,
+    /// Half the diagonals of the parallelogram, else 0.
+    diagonals: [(f64, f64); 2],
+    /// Their squared lengths.
+    squared: [f64; 2],
+}
+
+impl Somewhere {
+    /// A point.
+    pub(super) fn point(centre: (f64, f64)) -> Self {
+        let middle = Segment { from: centre, along: (0.0, 0.0), inverse: 0.0 };
+        Self { middle, diagonals: [(0.0, 0.0); 2], squared: [0.0; 2] }
+    }
+
+    /// Any point of the segment between two different points.
+    pub(super) fn segment(from: (f64, f64), to: (f64, f64)) -> Self {
+        Self { middle: Segment::new(from, to), ..Self::point(from) }
+    }
+
+    /// Half a cell to either side of its centre.
+    pub(super) fn block(centre: (f64, f64), plane: Plane) -> Self {
+        let diagonals = [plane.at(0.5, 0.5), plane.at(0.5, -0.5)];
+        Self { diagonals, squared: diagonals.map(|(x, y)| x * x + y * y), ..Self::point(centre) }
+    }
 }
 
 impl Convex for Somewhere {
@@ -69,9 +97,10 @@ impl Convex for Somewhere {
     fn squared(&self, x: [f64; LANES], y: [f64; LANES]) -> [f64; LANES] {
         let mut squared = [0.0; LANES];
         for i in 0..LANES {
-            let x = (x[i] - self.centre.0).abs() + self.half.0;
-            let y = (y[i] - self.centre.1).abs() + self.half.1;
-            squared[i] = x * x + y * y;
+            let (x, y) = self.middle.away(x[i], y[i]);
+            let [first, second] =
+                self.diagonals.map(|diagonal| 2.0 * (x * diagonal.0 + y * diagonal.1).abs());
+            squared[i] = x * x + y * y + larger(first + self.squared[0], second + self.squared[1]);
         }
         squared
     }
@@ -116,10 +145,10 @@ impl Fault {
 }
 
 impl Polygon {
-    /// The misdrawn part of a triangle of a cell of size `(dx, dy)`; `None` if there is none.
+    /// The misdrawn part of a triangle of a cell in a plane; `None` if there is none.
     pub(super) fn misdrawn(
         triangle: [usize; 3],
-        (dx, dy): (f64, f64),
+        plane: Plane,
         full: Corners,
         drawn: Corners,
         fault: Fault,
@@ -134,7 +163,7 @@ impl Polygon {
         let wrong_drawn = |corner: &Corner| sign * (corner.drawn - 0.5);
         let mut polygon = Uncut { len: 3, ..Uncut::default() };
         for (corner, q) in polygon.corners.iter_mut().zip(triangle) {
-            let at = ((q % 2) as f64 * dx, (q / 2) as f64 * dy);
+            let at = plane.at((q % 2) as f64, (q / 2) as f64);
             *corner = Corner { at, full: full[q], drawn: drawn[q] };
         }
         let (mut once, mut twice) = (Uncut::default(), Uncut::default());

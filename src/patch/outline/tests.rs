@@ -1,6 +1,7 @@
 //! The bounds against brute force: dense points, each with its distance to every piece of the outline that matters.
 
 use super::*;
+use crate::geo::Geo;
 use crate::sample::{FILLED, VALID, VOID};
 use proptest::prelude::*;
 use std::path::PathBuf;
@@ -45,8 +46,36 @@ fn pieces(state: &[u8], n: usize) -> Vec<[(f64, f64); 2]> {
     found
 }
 
+/// Metres of an interval: columns go east, rows south and `skew` east.
+#[derive(Clone, Copy, Debug)]
+struct Spacing {
+    dx: f64,
+    skew: f64,
+    dy: f64,
+}
+
+const fn square(dx: f64, dy: f64) -> Spacing {
+    Spacing { dx, skew: 0.0, dy }
+}
+
+impl Spacing {
+    fn scale(self) -> Scale {
+        let transform = Some([0.0, self.dx, self.skew, 0.0, 0.0, self.dy]);
+        Geo { transform, ..Geo::default() }.scale((0, 0), 1)
+    }
+
+    fn times(self, factor: f64) -> Self {
+        Self { dx: self.dx * factor, skew: self.skew * factor, dy: self.dy * factor }
+    }
+
+    /// The longer diagonal of a cell.
+    fn diagonal(self) -> f64 {
+        (self.dx + self.skew.abs()).hypot(self.dy)
+    }
+}
+
 fn distance(x: f64, y: f64, [a, b]: [(f64, f64); 2], spacing: Spacing) -> f64 {
-    let scale = |p: (f64, f64)| (p.0 * spacing.dx, p.1 * spacing.dy);
+    let scale = |p: (f64, f64)| (p.0 * spacing.dx + p.1 * spacing.skew, p.1 * spacing.dy);
     let (p, a, b) = (scale((x, y)), scale(a), scale(b));
     let (u, v) = (b.0 - a.0, b.1 - a.1);
     let t = (((p.0 - a.0) * u + (p.1 - a.1) * v) / (u * u + v * v)).clamp(0.0, 1.0);
@@ -75,7 +104,7 @@ impl<'a> Oracle<'a> {
         let (cx, cy) = (x as f64 + half, y as f64 + half);
         let nearest =
             pieces.iter().map(|&piece| distance(cx, cy, piece, spacing)).fold(f64::INFINITY, f64::min);
-        let limit = (nearest + 2.0 * (half * spacing.dx).hypot(half * spacing.dy)) * (1.0 + 1e-9);
+        let limit = (nearest + 2.0 * half * spacing.diagonal()) * (1.0 + 1e-9);
         let pieces: Vec<_> =
             pieces.iter().copied().filter(|&piece| distance(cx, cy, piece, spacing) <= limit).collect();
         if size > 1 {
@@ -133,7 +162,7 @@ impl<'a> Oracle<'a> {
 /// Checks both functions on one tile; `density` points to an interval.
 fn check(state: &[u8], n: usize, patch: usize, parity: bool, spacing: Spacing, density: usize) {
     let oracle = Oracle::new(state, n, spacing, density);
-    let errors = leaf(state, n, patch, parity, spacing);
+    let errors = leaf(state, n, patch, parity, &spacing.scale());
     assert_eq!(errors.steps.len(), patch.ilog2() as usize + 1);
     assert!(errors.steps[0].iter().all(|&error| error == 0.0));
     let sizes = (1..=patch.ilog2()).map(|k| (1 << k, patch));
@@ -147,8 +176,8 @@ fn check(state: &[u8], n: usize, patch: usize, parity: bool, spacing: Spacing, d
         let (state, block) = coarser(state, n, factor);
         let n = n / factor;
         for patch in [4, n].into_iter().filter(|&patch| patch <= n) {
-            let spacing = Spacing { dx: spacing.dx * factor as f64, dy: spacing.dy * factor as f64 };
-            let bounds = above(&state, &block, n, patch, parity, spacing);
+            let spacing = spacing.times(factor as f64);
+            let bounds = above(&state, &block, n, patch, parity, &spacing.scale());
             let truth = oracle.farthest(patch * factor, patch * factor, parity);
             let finer = oracle.farthest(patch * factor / 2, patch * factor, parity);
             compare(&larger(&bounds, &finer), &truth, &format!("above by {factor}, n {n}, patch {patch}"));
@@ -239,10 +268,11 @@ proptest! {
         log_n in 4_u32..7,
         log_patch in 2_u32..7,
         parity: bool,
-        dy in prop::sample::select(vec![0.3, 0.7, 1.0, 1.4, 3.0]),
+        dy in prop::sample::select(vec![0.02, 0.3, 0.7, 1.0, 1.4, 3.0, 50.0]),
+        skew in prop::sample::select(vec![0.0, 0.0, 0.05, 0.5, -0.9, 3.0]),
     ) {
         let n = 1 << log_n;
-        let spacing = Spacing { dx: 30.0, dy: 30.0 * dy };
+        let spacing = Spacing { skew: 30.0 * skew, ..square(30.0, 30.0 * dy) };
         let density = if n < 64 { 8 } else { 4 };
         check(&mask(kind, n, seed), n, 1 << log_patch.min(log_n), parity, spacing, density);
     }
@@ -251,16 +281,16 @@ proptest! {
 #[test]
 fn never_below_brute_force_in_a_large_tile() {
     for kind in [0, 6, 10] {
-        check(&mask(kind, 256, 5), 256, 64, true, Spacing { dx: 20.0, dy: 31.0 }, 4);
+        check(&mask(kind, 256, 5), 256, 64, true, square(20.0, 31.0), 4);
     }
 }
 
 #[test]
 fn known_answers() {
-    let square = Spacing { dx: 10.0, dy: 10.0 };
+    let tens = square(10.0, 10.0);
     // Columns 0..=5 of 16 are valid: the outline is at 5.5; drawn at 2, 4, 8, 16 it is at 5, 6, 4, 8 (midway).
     let state: Vec<u8> = (0..17 * 17).map(|i| if i % 17 <= 5 { VALID } else { VOID }).collect();
-    let errors = leaf(&state, 16, 16, false, square);
+    let errors = leaf(&state, 16, 16, false, &tens.scale());
     let steps: Vec<f64> = errors.steps.iter().map(|step| step[0]).collect();
     for (got, want) in steps.iter().zip([0.0, 5.0, 5.0, 15.0, 25.0]) {
         assert!((got - want).abs() <= 0.006 * want, "{steps:?}");
@@ -269,20 +299,20 @@ fn known_answers() {
     // A void sample that disappears: the point farthest from its outline is the sample itself.
     let mut state = vec![VALID; 17 * 17];
     state[3 * 17 + 3] = VOID;
-    let errors = leaf(&state, 16, 4, false, square);
+    let errors = leaf(&state, 16, 4, false, &tens.scale());
     assert!((errors.steps[1][0] - 5.0).abs() < 0.03, "{:?}", errors.steps);
     assert_eq!(errors.steps[1][1..], [0.0; 15]);
     // A strip of two void columns, 9 and 10, which disappears at spacing 4: midway between its sides.
     let state: Vec<u8> =
         (0..17 * 17).map(|i| if (9..11).contains(&(i % 17)) { VOID } else { VALID }).collect();
-    let errors = leaf(&state, 16, 16, false, square);
+    let errors = leaf(&state, 16, 16, false, &tens.scale());
     for (step, want) in errors.steps.iter().zip([0.0, 5.0, 10.0, 10.0, 10.0]) {
         assert!((step[0] - want).abs() <= 0.006 * want, "{:?}", errors.steps);
     }
     // Columns 3 and 4: at spacing 4 they hide 2 to 6, and no wider spacing has a smaller error.
     let state: Vec<u8> =
         (0..17 * 17).map(|i| if (3..5).contains(&(i % 17)) { VOID } else { VALID }).collect();
-    let errors = leaf(&state, 16, 16, false, square);
+    let errors = leaf(&state, 16, 16, false, &tens.scale());
     for (step, want) in errors.steps.iter().zip([0.0, 5.0, 15.0, 15.0, 15.0]) {
         assert!((step[0] - want).abs() <= 0.006 * want, "{:?}", errors.steps);
     }
@@ -291,12 +321,12 @@ fn known_answers() {
 #[test]
 fn tiles_without_an_outline_have_no_error() {
     for fill in [VALID, VOID, FILLED] {
-        let errors = leaf(&[fill; 33 * 33], 32, 8, true, Spacing { dx: 1.0, dy: 1.0 });
+        let errors = leaf(&[fill; 33 * 33], 32, 8, true, &square(1.0, 1.0).scale());
         assert!(errors.steps.iter().chain(&errors.ahead).flatten().all(|&error| error == 0.0));
         assert_eq!(errors.steps.iter().map(Vec::len).collect::<Vec<_>>(), [16; 4]);
         assert_eq!(errors.ahead.iter().map(Vec::len).collect::<Vec<_>>(), [4, 1]);
         let bits = if fill == VALID { 1 } else { 2 };
-        let errors = above(&[fill; 33 * 33], &[bits; 32 * 32], 32, 8, true, Spacing { dx: 1.0, dy: 1.0 });
+        let errors = above(&[fill; 33 * 33], &[bits; 32 * 32], 32, 8, true, &square(1.0, 1.0).scale());
         assert_eq!(errors, [0.0; 16]);
     }
 }
@@ -306,10 +336,12 @@ fn extreme_spacings_stay_finite() {
     let state = mask(0, 32, 3);
     let (samples, block) = coarser(&state, 32, 2);
     for spacing in [(0.0, 30.0), (30.0, 0.0), (0.0, 0.0), (1e-9, 1e9)] {
-        let spacing = Spacing { dx: spacing.0, dy: spacing.1 };
-        let errors = leaf(&state, 32, 8, false, spacing);
+        let spacing = square(spacing.0, spacing.1);
+        let errors = leaf(&state, 32, 8, false, &spacing.scale());
         assert!(errors.steps.iter().chain(&errors.ahead).flatten().all(|error| error.is_finite()));
-        assert!(above(&samples, &block, 16, 8, false, spacing).iter().all(|error| error.is_finite()));
+        assert!(
+            above(&samples, &block, 16, 8, false, &spacing.scale()).iter().all(|error| error.is_finite())
+        );
     }
 }
 
@@ -333,9 +365,9 @@ fn real_mask(name: &str, nodata: f64) -> Option<(usize, usize, Vec<u8>)> {
 }
 
 const REAL: [(&str, f64, Spacing); 3] = [
-    ("nz_elev_float32_nan.tif", f64::NAN, Spacing { dx: 1000.0, dy: 1000.0 }),
-    ("everest_srtm3_int16_voids.tif", -32768.0, Spacing { dx: 81.6, dy: 92.4 }),
-    ("exploradores_aster_float32_nodata.tif", -9999.0, Spacing { dx: 30.0, dy: 30.0 }),
+    ("nz_elev_float32_nan.tif", f64::NAN, square(1000.0, 1000.0)),
+    ("everest_srtm3_int16_voids.tif", -32768.0, square(81.6, 92.4)),
+    ("exploradores_aster_float32_nodata.tif", -9999.0, square(30.0, 30.0)),
 ];
 
 /// Tile `(x, y)` of `n` intervals of a raster; void outside.
