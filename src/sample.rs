@@ -75,6 +75,17 @@ impl SampleType {
             Self::Float64 => "Float64",
         }
     }
+
+    /// The shortest text of a value that reads back as the same sample of this type: `-9999`, `-3.4028235e38`.
+    pub fn text(self, value: f64) -> String {
+        let single = value as f32;
+        let text = if self == Self::Float32 && f64::from(single) == value {
+            format!("{single:?}")
+        } else {
+            format!("{value:?}")
+        };
+        text.strip_suffix(".0").map_or(text.clone(), str::to_owned)
+    }
 }
 
 /// How a code becomes the source's value.
@@ -208,6 +219,26 @@ pub fn refill<T: Copy>(plane: &mut Vec<T>, count: usize, value: T) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn texts_of_samples_are_short_and_read_back() {
+        use SampleType::{Float32, Float64, Int16};
+        for (kind, value, text) in [
+            (Int16, -9999.0, "-9999"),
+            (Float32, f64::from(f32::MIN), "-3.4028235e38"),
+            (Float64, f64::from(f32::MIN), "-3.4028234663852886e38"),
+            (Float32, f64::from(0.1_f32), "0.1"),
+            (Float64, -1.797_693_134_862_315_7e308, "-1.7976931348623157e308"),
+            (Float32, -3.4e38, "-3.4e38"),
+            (Float64, f64::NAN, "NaN"),
+            (Int16, -0.0, "-0"),
+        ] {
+            assert_eq!(kind.text(value), text);
+            let back: f64 = text.parse().unwrap();
+            let same = if kind == Float32 { back as f32 == value as f32 } else { back == value };
+            assert!(same || value.is_nan(), "{text}");
+        }
+    }
     use proptest::prelude::*;
 
     proptest! {

@@ -17,7 +17,9 @@ const HEAD: usize = 12;
 const NARROW: u8 = 1;
 /// A tile is narrow if its heights lie closer together than this.
 const NARROW_RANGE: i64 = 1 << 22;
-/// The same with void samples: where they stand, centres may be up to 2.75 times as far from the base.
+/// The same with void samples: where they stand, centres may be up to 2.75 times as far from the base. (0.875 times that range
+/// below the lowest height or above the highest: predictions take up to 7/16 of the distance to samples of the padding, which lie up to
+/// that range outside.)
 const NARROW_RANGE_VOID: i64 = 1 << 20;
 
 /// Appends the heights chunk of a tile; appends nothing if its length is 0. `fills`, if true, changes nothing in it.
@@ -229,10 +231,16 @@ fn is_constant(lattice: &Lattice) -> bool {
     live.next().is_none_or(|(first, _)| live.all(|(code, _)| code == first))
 }
 
-/// True if 32-bit arithmetic predicts this tile rightly, relative to its base.
+/// True if 32-bit arithmetic predicts this tile rightly, relative to its base: codes lie close together, and no prediction that others are
+/// made of is taken modulo 2^32.
 fn is_narrow(codes: &[i32], places: Places<'_>) -> bool {
-    let limit = if places.has_void { NARROW_RANGE_VOID } else { NARROW_RANGE };
-    let narrow = |low: i32, high: i32| i64::from(high) - i64::from(low) < limit;
+    let (limit, outside) =
+        if places.has_void { (NARROW_RANGE_VOID, NARROW_RANGE_VOID) } else { (NARROW_RANGE, 0) };
+    let range = i64::from(i32::MIN)..=i64::from(i32::MAX);
+    let narrow = |low: i32, high: i32| {
+        let (low, high) = (i64::from(low), i64::from(high));
+        high - low < limit && range.contains(&(low - outside)) && range.contains(&(high + outside))
+    };
     // Those that stand for no height, and 0, are seldom far from the others.
     let (lowest, highest) = states::range(codes).unwrap_or_default();
     if narrow(lowest.min(0), highest.max(0)) {

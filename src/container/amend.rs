@@ -12,22 +12,31 @@ use super::sections::{IMAGERY, IMAGERY_PAGES, IMAGERY_TILES, METADATA, ROOT_PAGE
 use super::work::WorkFolder;
 use super::writer::{ImagerySections, opening};
 use crate::error::{Error, Result};
+use crate::file::Identity;
 
 /// Bytes copied between two questions whether to go on.
 const AT_ONCE: u64 = 64 << 20;
 
 /// Writes the file that `work` is for anew, with this layer, and lets it take the place of the old one: there is a whole file at any
-/// time. Returns its length. Stops with [`Error::Interrupted`] when `go_on`, told bytes written and their total, says no.
+/// time. The file must be as it was when the folder was taken. Returns its length. Stops with [`Error::Interrupted`] when `go_on`,
+/// told bytes written and their total, says no, and with the error of `inspect`, which is shown the whole file before it takes
+/// that place.
 pub fn put_imagery(
     work: &mut WorkFolder,
     imagery: &ImagerySections,
     note: &ImageryNote,
+    inspect: &dyn Fn(&Path) -> Result<()>,
     go_on: &mut dyn FnMut(u64, u64) -> bool,
 ) -> Result<u64> {
     let input = work.output().to_owned();
     let failed = |source| Error::io(&input, "read it", source);
     let mut file = File::open(&input).map_err(failed)?;
     let length = file.metadata().map_err(failed)?.len();
+    // The layer was made for these heights, not for any others that have the name by now.
+    let before = work.replaces().cloned();
+    if Identity::of_open(&file).map(Some).map_err(failed)? != before {
+        return Err(replaced(&input));
+    }
     let mut start = vec![0; length.min(OPENING_BYTES) as usize];
     file.read_exact(&mut start).map_err(failed)?;
     let plan = Plan::new(&start, length, imagery, note).map_err(|error| error.at(&input))?;
@@ -40,8 +49,19 @@ pub fn put_imagery(
     }
     // An open file cannot be replaced on Windows.
     drop(file);
+    inspect(&path)?;
+    if Identity::of(&input).map(Some).map_err(failed)? != before {
+        return Err(replaced(&input));
+    }
     work.publish(&path)?;
     Ok(plan.opening.file_length)
+}
+
+fn replaced(file: &Path) -> Error {
+    Error::usage(format!(
+        "{}: it has been replaced or written to while its imagery was made, and stays as it is now; begin again",
+        file.display()
+    ))
 }
 
 /// The file to come.

@@ -13,7 +13,7 @@ use crate::sample::Lattice;
 use crate::tile::TileId;
 
 /// Lattices without a tile that are kept for the next ones.
-const SPARE: usize = 16;
+pub(super) const SPARE: usize = 16;
 
 /// Entries by tile, the least recently used first to go.
 pub(super) struct Store<V> {

@@ -291,6 +291,7 @@ mod tests {
 
     fn header() -> Header {
         Header {
+            version: 2,
             width: 1000,
             height: 900,
             tile_log2: 4,

@@ -14,6 +14,8 @@ use crate::error::{Error, Result};
 use crate::sample::{Coding, SampleType};
 use crate::tile::TileId;
 
+/// The version that this program writes; it reads those before as well.
+pub const VERSION: u16 = 2;
 /// Largest number of columns or rows.
 pub const MAX_SIDE: u32 = 1 << 30;
 /// Largest leaf level: `2^30` samples of tiles of 16.
@@ -76,6 +78,8 @@ pub fn leaf_level(width: u32, height: u32, tile: u32) -> u8 {
 /// What a file says about its terrain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Header {
+    /// Version of the format, 1 or [`VERSION`]. In version 1 the horizontal errors of geographic rasters are no proven bounds.
+    pub version: u16,
     /// Columns of the lattice.
     pub width: u32,
     /// Rows of the lattice.
@@ -181,6 +185,7 @@ impl Header {
             }
             Ok(())
         };
+        demand((1..=VERSION).contains(&self.version), "version", &format!("1 to {VERSION}"), self.version)?;
         side("width", self.width)?;
         side("height", self.height)?;
         demand((4..=10).contains(&self.tile_log2), "log2 of the tile size", "4 to 10", self.tile_log2)?;
@@ -189,6 +194,13 @@ impl Header {
         demand((2..=finest).contains(&self.patch_log2), "log2 of the patch size", &range, self.patch_log2)?;
         let level = leaf_level(self.width, self.height, self.tile());
         demand(self.levels == level, "leaf level", &level.to_string(), self.levels)?;
+        let source = match self.coding {
+            Coding::Integer { .. } => self.source_type,
+            Coding::Float32 => SampleType::Float32,
+            Coding::Float64 => SampleType::Float64,
+        };
+        let name = "source type of float samples";
+        demand(self.source_type == source, name, &format!("{source:?}"), format!("{:?}", self.source_type))?;
         if let Coding::Integer { scale, offset } = self.coding {
             demand(scale.is_finite() && scale != 0.0, "scale", "a finite number, not 0", scale)?;
             demand(offset.is_finite(), "offset", "a finite number", offset)?;
@@ -205,6 +217,8 @@ impl Header {
             "a finite number, at least 0",
             error,
         )?;
+        let rounded = error == 0.0 || matches!(self.coding, Coding::Integer { .. });
+        demand(rounded, "quantisation error", "0, for its samples are floats", error)?;
         let finite = self.transform.is_none_or(|transform| transform.iter().all(|term| term.is_finite()));
         demand(finite, "geotransform", "finite numbers", "others")?;
         demand(self.tile_count > 0, "tile count", "at least 1", self.tile_count)
@@ -237,8 +251,8 @@ impl Header {
         out.extend(self.tile_count.to_le_bytes());
     }
 
-    /// The fields that [`Header::encode`] has written.
-    pub(super) fn decode(bytes: &mut Bytes) -> Result<Self> {
+    /// The fields that [`Header::encode`] has written, of a file of this version.
+    pub(super) fn decode(version: u16, bytes: &mut Bytes) -> Result<Self> {
         let (width, height) = (bytes.u32()?, bytes.u32()?);
         let (tile_log2, patch_log2, levels) = (bytes.u8()?, bytes.u8()?, bytes.u8()?);
         let metric = match bytes.u8()? {
@@ -285,7 +299,7 @@ impl Header {
         )?;
         #[rustfmt::skip]
         let header = Self {
-            width, height, tile_log2, patch_log2, levels, metric, coding, source_type, band_scale, band_offset,
+            version, width, height, tile_log2, patch_log2, levels, metric, coding, source_type, band_scale, band_offset,
             unit_metres, quantisation_error, nodata, transform, tile_count,
         };
         header.check()?;
@@ -323,6 +337,7 @@ mod tests {
 
     fn header() -> Header {
         Header {
+            version: VERSION,
             width: 1000,
             height: 70_000,
             tile_log2: 8,
@@ -346,7 +361,7 @@ mod tests {
         header.encode(&mut out);
         assert_eq!(out.len(), 128);
         let mut bytes = Bytes::new(&out, "header");
-        let back = Header::decode(&mut bytes).unwrap();
+        let back = Header::decode(header.version, &mut bytes).unwrap();
         bytes.end().unwrap();
         back
     }
@@ -357,8 +372,13 @@ mod tests {
         assert_eq!(round_trip(&full), full);
         let bare = Header { nodata: None, transform: None, quantisation_error: 0.0, ..header() };
         assert_eq!(round_trip(&bare), bare);
-        for coding in [Coding::Float32, Coding::Float64] {
-            assert_eq!(round_trip(&Header { coding, ..header() }).coding, coding);
+        for (coding, source_type) in
+            [(Coding::Float32, SampleType::Float32), (Coding::Float64, SampleType::Float64)]
+        {
+            let float = Header { coding, source_type, ..bare.clone() };
+            assert_eq!(round_trip(&float), float);
+            assert!(Header { source_type: SampleType::Int16, ..float.clone() }.check().is_err());
+            assert!(Header { quantisation_error: 0.1, ..float }.check().is_err());
         }
         let odd = round_trip(&Header { nodata: Some(f64::NAN), ..header() });
         assert!(odd.nodata.is_some_and(f64::is_nan));

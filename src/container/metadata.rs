@@ -2,10 +2,17 @@
 //!
 //! A reader ignores members that it does not know. An infinite number is `null` in JSON.
 
-use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::marker::PhantomData;
+
+use serde::de::{SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
+use super::layout::MAX_LEVEL;
 use crate::error::{Error, Result};
+use crate::error_code::MAX_CODE;
 use crate::geo::Crs;
 
 /// What a file says for people and for an export; no tile needs it.
@@ -22,6 +29,9 @@ pub struct Metadata {
     pub bounds: Option<[f64; 4]>,
     /// Name of the vertical unit; empty if unknown.
     pub vertical_unit: String,
+    /// Where `place`, `crs`, `nodata`, `unit`, `scale`, `offset` and `mask` were found, for people; those that nothing said are absent.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub origins: BTreeMap<String, String>,
     /// The rasters that the file was made of, or the first of them: as many as there is room for.
     pub sources: Vec<SourceNote>,
     /// How many more there were.
@@ -98,10 +108,18 @@ pub struct LevelNote {
     pub max_horizontal_m: f64,
 }
 
+/// Most levels of a file: 0 to the deepest leaf level.
+const MAX_LEVELS: usize = MAX_LEVEL as usize + 1;
+/// Most steps of a patch: 64 intervals halved down to one.
+const MAX_STEPS: usize = 7;
+/// Most bins of a histogram: the upper bits of the error codes from 0 to infinity.
+const MAX_BINS: usize = (MAX_CODE >> 6) as usize + 1;
+
 /// How wrong a file is, by level and step.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Statistics {
     /// The levels, root first.
+    #[serde(deserialize_with = "at_most::<_, _, MAX_LEVELS>")]
     pub levels: Vec<LevelStatistics>,
 }
 
@@ -131,6 +149,7 @@ pub struct LevelStatistics {
     /// Bytes of all error tables.
     pub errors_bytes: u64,
     /// The steps, finest first.
+    #[serde(deserialize_with = "at_most::<_, _, MAX_STEPS>")]
     pub steps: Vec<StepStatistics>,
 }
 
@@ -169,6 +188,7 @@ pub struct ErrorStatistics {
     #[serde(with = "infinite")]
     pub p99: f64,
     /// `(b, count)`: patches whose error code `c` has `c >> 6 = b`; only those with a count.
+    #[serde(deserialize_with = "at_most::<_, _, MAX_BINS>")]
     pub histogram: Vec<(u16, u64)>,
 }
 
@@ -203,6 +223,34 @@ fn encode(value: &impl Serialize, what: &str) -> Result<Vec<u8>> {
 fn decode<'a, T: Deserialize<'a>>(bytes: &'a [u8], what: &str) -> Result<T> {
     serde_json::from_slice(bytes)
         .map_err(|error| Error::format(what, "JSON as the specification says", error))
+}
+
+/// A list of at most `MOST` elements: a small section that packs millions of them is refused before they take memory.
+fn at_most<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MOST: usize>(
+    deserializer: D,
+) -> Result<Vec<T>, D::Error> {
+    struct List<T, const MOST: usize>(PhantomData<T>);
+
+    impl<'de, T: Deserialize<'de>, const MOST: usize> Visitor<'de> for List<T, MOST> {
+        type Value = Vec<T>;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            write!(f, "a list of at most {MOST}")
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut from: A) -> Result<Vec<T>, A::Error> {
+            let mut list = Vec::new();
+            while let Some(element) = from.next_element()? {
+                if list.len() == MOST {
+                    return Err(serde::de::Error::custom(format_args!("a list of more than {MOST}")));
+                }
+                list.push(element);
+            }
+            Ok(list)
+        }
+    }
+
+    deserializer.deserialize_seq(List::<T, MOST>(PhantomData))
 }
 
 /// Infinity, which JSON lacks, as `null`.
@@ -254,5 +302,27 @@ mod tests {
         let level = LevelStatistics { level: 2, min_m: Some(-3.25), steps: vec![step], ..<_>::default() };
         let statistics = Statistics { levels: vec![level] };
         assert_eq!(Statistics::decode(&statistics.encode().unwrap()).unwrap(), statistics);
+    }
+
+    #[test]
+    fn lists_that_are_too_long_are_refused() {
+        let whole = Statistics {
+            levels: vec![
+                LevelStatistics { steps: vec![<_>::default(); MAX_STEPS], ..<_>::default() };
+                MAX_LEVELS
+            ],
+        };
+        assert_eq!(Statistics::decode(&whole.encode().unwrap()).unwrap(), whole);
+        let edits: [fn(&mut Statistics); 3] = [
+            |s| s.levels.push(<_>::default()),
+            |s| s.levels[9].steps.push(<_>::default()),
+            |s| s.levels[9].steps[2].vertical.histogram = vec![(3, 1); MAX_BINS + 1],
+        ];
+        for edit in edits {
+            let mut longer = whole.clone();
+            edit(&mut longer);
+            let refusal = Statistics::decode(&longer.encode().unwrap()).unwrap_err();
+            assert!(refusal.to_string().contains("a list of more than"), "{refusal}");
+        }
     }
 }

@@ -10,6 +10,7 @@ mod bytes;
 mod cache;
 pub mod directory;
 mod entry;
+mod foreign;
 pub mod imagery;
 pub mod layout;
 pub mod metadata;

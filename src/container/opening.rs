@@ -4,14 +4,12 @@
 //! says. An opening that decodes is sound, and its sections fill the file.
 
 use super::bytes::Bytes;
-use super::layout::{Header, demand, newer};
+use super::layout::{Header, VERSION, demand, newer};
 use super::sections::{self, SectionEntry};
 use crate::error::{Error, Result};
 
 /// First bytes of every file.
 pub const MAGIC: [u8; 8] = *b"\x89RLV\r\n\x1a\n";
-/// The version that this program writes and reads.
-pub const VERSION: u16 = 1;
 /// Bytes of the header.
 pub const HEADER_BYTES: usize = 256;
 /// Root page and metadata lie within the first so many bytes: one request opens a file.
@@ -36,7 +34,7 @@ impl Opening {
     /// The first bytes of the file.
     pub fn encode(&self) -> Vec<u8> {
         let mut out = Vec::from(MAGIC);
-        out.extend(VERSION.to_le_bytes());
+        out.extend(self.header.version.to_le_bytes());
         out.extend((HEADER_BYTES as u16).to_le_bytes());
         out.extend([0; 8]);
         out.extend((self.sections.len() as u32).to_le_bytes());
@@ -70,8 +68,8 @@ impl Opening {
         let mut bytes = Bytes::new(head, "header");
         bytes.take(MAGIC.len())?;
         let version = bytes.u16()?;
-        if version != VERSION {
-            return Err(newer(format!("container version {version} (this one reads {VERSION})")));
+        if !(1..=VERSION).contains(&version) {
+            return Err(newer(format!("container version {version} (this one reads 1 to {VERSION})")));
         }
         let length = bytes.u16()?;
         demand(usize::from(length) == HEADER_BYTES, "header length", &HEADER_BYTES.to_string(), length)?;
@@ -96,7 +94,7 @@ impl Opening {
         if required != 0 {
             return Err(newer(format!("required feature bit {}", required.trailing_zeros())));
         }
-        let header = Header::decode(&mut bytes)?;
+        let header = Header::decode(version, &mut bytes)?;
         let reserved = bytes.take(HEADER_BYTES - 4 - 160)?;
         demand(reserved.iter().all(|&byte| byte == 0), "reserved bytes", "zeros", "others")?;
         let mut bytes = Bytes::new(table, "section table");

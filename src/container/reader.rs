@@ -12,12 +12,12 @@ mod index;
 mod tiles;
 mod walk;
 
-use std::fs::File;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use super::cache::Lattices;
+use super::cache::{Lattices, SPARE};
 use super::directory::{ChunkKind, TileEntry};
+use super::foreign;
 use super::layout::Header;
 use super::metadata::{Metadata, Statistics};
 use super::opening::{OPENING_BYTES, Opening};
@@ -32,6 +32,9 @@ use crate::tile::TileId;
 pub use imagery::ImageryLayer;
 use index::{Index, Input};
 
+/// Bytes for each sample of a tile that a thread decodes: its chunks and the buffers of the codec.
+const DESK_SAMPLE: u64 = 24;
+
 /// How much a reader keeps and accepts.
 #[derive(Clone, Copy, Debug)]
 pub struct ReaderOptions {
@@ -40,11 +43,23 @@ pub struct ReaderOptions {
     pub cache_bytes: u64,
     /// What numbers of the file are held against.
     pub limits: Limits,
+    /// Bytes of memory that the program keeps within which reads (no limit): an export and a check choose how they work by it, or refuse.
+    pub memory: Option<u64>,
+}
+
+impl ReaderOptions {
+    /// Those of a program that keeps within so many bytes: less is kept then of what is decoded, as much whatever the limit, so that what is
+    /// needed does not grow with it.
+    pub fn within(memory: Option<u64>) -> Self {
+        let options = Self::default();
+        let cache_bytes = memory.map_or(options.cache_bytes, |_| 16 << 20);
+        Self { cache_bytes, memory, ..options }
+    }
 }
 
 impl Default for ReaderOptions {
     fn default() -> Self {
-        Self { cache_bytes: 64 << 20, limits: Limits::default() }
+        Self { cache_bytes: 64 << 20, limits: Limits::default(), memory: None }
     }
 }
 
@@ -54,7 +69,7 @@ pub struct Reader {
     opening: Opening,
     metadata: Metadata,
     geo: Geo,
-    limits: Limits,
+    options: ReaderOptions,
     index: Index<Header, TileEntry>,
     imagery: Option<ImageryLayer>,
     lattices: Lattices,
@@ -74,10 +89,13 @@ impl Reader {
     }
 
     fn open_file(path: &Path, options: ReaderOptions) -> Result<Self> {
-        let file = File::open(path).map_err(|source| Error::io(path, "open", source))?;
+        let file = crate::file::open(path).map_err(|source| Error::io(path, "open", source))?;
         let length = file.metadata().map_err(|source| Error::io(path, "look at", source))?.len();
         let mut start = vec![0; length.min(OPENING_BYTES) as usize];
         read_exact_at(&file, &mut start, 0).map_err(|source| Error::io(path, "read", source))?;
+        if let Some(error) = foreign::refused(&start, path) {
+            return Err(error);
+        }
         let opening = Opening::decode(&start, length)?;
         let section = |kind| opening.sections.iter().find(|section| section.kind == kind).copied();
         let must =
@@ -101,7 +119,7 @@ impl Reader {
             opening,
             metadata,
             geo,
-            limits: options.limits,
+            options,
             index,
             imagery,
             lattices: Lattices::new(options.cache_bytes - for_pages),
@@ -144,6 +162,25 @@ impl Reader {
         self.imagery.as_ref()
     }
 
+    /// Bytes of memory that the program keeps within which reads; `None`: no limit.
+    pub fn memory_limit(&self) -> Option<u64> {
+        self.options.memory
+    }
+
+    /// Bytes of memory that reading tiles on so many threads takes at most: what is kept, each tile that is being decoded with those above
+    /// it, and the buffers for that.
+    pub fn memory(&self, threads: usize) -> u64 {
+        let (header, threads) = (self.header(), threads as u64);
+        let samples = (u64::from(header.tile()) + 1).pow(2);
+        let lattice = samples * if header.coding.has_low() { 9 } else { 5 } + 256;
+        let (all, cache) = (header.tile_count, self.options.cache_bytes);
+        let at_hand = (threads + 1) * (u64::from(header.levels) + 2) + SPARE as u64;
+        let layers = 1 + u64::from(self.imagery.is_some());
+        let kept = all.saturating_mul(lattice).min(cache).saturating_add(layers * (cache / 8 + (1 << 20)));
+        kept.saturating_add(all.min(at_hand).saturating_mul(lattice))
+            .saturating_add(threads * samples * DESK_SAMPLE)
+    }
+
     /// The statistics, if the file has any.
     pub fn statistics(&self) -> Result<Option<Statistics>> {
         let Some(section) = self.sections().iter().find(|section| section.kind == sections::STATISTICS)
@@ -154,7 +191,7 @@ impl Reader {
     }
 
     fn decode_statistics(&self, section: &SectionEntry) -> Result<Statistics> {
-        let max = self.limits.statistics_bytes;
+        let max = self.options.limits.statistics_bytes;
         if section.length > max {
             return Err(Error::limit("length of the statistics", section.length, max));
         }

@@ -1,12 +1,14 @@
 //! The index rows of a build in progress, as they stand in its work folder: appended with every tile, read back when
-//! a build is resumed or a piece is merged. Not part of the container format.
+//! a build is resumed or a piece is merged, each with a checksum. Not part of the container format.
 
 use super::directory::{ChunkPlace, TileEntry};
 use crate::error::{Error, Result};
 use crate::tile::TileId;
 
-/// Bytes of one row.
-pub(super) const BYTES: usize = 55;
+/// Bytes of what a row says.
+const SAYS: usize = 55;
+/// Bytes of one row: what it says, and the CRC of that.
+pub(super) const BYTES: usize = SAYS + 4;
 
 /// A row as bytes, little endian.
 pub(super) fn encode(entry: &TileEntry) -> [u8; BYTES] {
@@ -28,6 +30,8 @@ pub(super) fn encode(entry: &TileEntry) -> [u8; BYTES] {
     for number in entry.chunks.lengths.into_iter().chain(entry.chunks.crcs) {
         put(&number.to_le_bytes());
     }
+    let crc = crc32fast::hash(&out[..SAYS]);
+    out[SAYS..].copy_from_slice(&crc.to_le_bytes());
     out
 }
 
@@ -36,6 +40,13 @@ pub(super) fn decode(bytes: &[u8; BYTES]) -> Result<TileEntry> {
     let u16_at = |at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
     let u32_at = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
     let three = |at: usize| [u32_at(at), u32_at(at + 4), u32_at(at + 8)];
+    if crc32fast::hash(&bytes[..SAYS]) != u32_at(SAYS) {
+        return Err(Error::format(
+            "list of tiles of an unfinished build",
+            "the bytes that were written",
+            "damaged ones; begin anew with --force",
+        ));
+    }
     let entry = TileEntry {
         id: TileId::new(bytes[0], u32_at(1), u32_at(5)),
         children: bytes[9],
@@ -62,9 +73,8 @@ pub(super) fn decode(bytes: &[u8; BYTES]) -> Result<TileEntry> {
 mod tests {
     use super::*;
 
-    #[test]
-    fn rows_come_back() {
-        let entry = TileEntry {
+    fn entry() -> TileEntry {
+        TileEntry {
             id: TileId::new(9, 300, 511),
             children: 5,
             has_valid: true,
@@ -74,7 +84,20 @@ mod tests {
             min_m: -12.5,
             max_m: 8848.0,
             chunks: ChunkPlace { offset: 1 << 40 | 7, lengths: [1, 2, 3], crcs: [4, 5, u32::MAX] },
-        };
-        assert_eq!(decode(&encode(&entry)).expect("row"), entry);
+        }
+    }
+
+    #[test]
+    fn rows_come_back() {
+        assert_eq!(decode(&encode(&entry())).expect("row"), entry());
+    }
+
+    #[test]
+    fn a_damaged_row_is_refused() {
+        for bit in 0..8 * BYTES {
+            let mut row = encode(&entry());
+            row[bit / 8] ^= 1 << (bit % 8);
+            assert!(decode(&row).is_err(), "bit {bit}");
+        }
     }
 }

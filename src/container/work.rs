@@ -10,6 +10,8 @@ use std::io::{self, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
+use crate::file::Identity;
+use crate::output;
 
 const LOCK: &str = "relevo.lock";
 /// What a build needs to be resumed; a folder without it holds nothing of worth.
@@ -35,6 +37,8 @@ pub struct WorkFolder {
     force: bool,
     lock: Option<File>,
     keep: bool,
+    /// What had the output's name when the folder was taken.
+    replaces: Option<Identity>,
 }
 
 impl WorkFolder {
@@ -47,7 +51,8 @@ impl WorkFolder {
         for _ in 0..ATTEMPTS {
             if let Some(lock) = take(&folder, &output)? {
                 // Kept until it is known that nothing in it is of worth.
-                let mut work = Self { output, folder, force, lock: Some(lock), keep: true };
+                let replaces = Identity::of(&output).ok();
+                let mut work = Self { output, folder, force, lock: Some(lock), keep: true, replaces };
                 let resumable = work.path(STATE).is_file();
                 if resumable && earlier == Earlier::Refuse {
                     return Err(unfinished(&work));
@@ -96,6 +101,11 @@ impl WorkFolder {
     /// The output.
     pub fn output(&self) -> &Path {
         &self.output
+    }
+
+    /// The file that had the output's name when the folder was taken, as it was then.
+    pub(super) fn replaces(&self) -> Option<&Identity> {
+        self.replaces.as_ref()
     }
 
     /// A path in the folder.
@@ -154,8 +164,8 @@ impl WorkFolder {
 
     /// An error of the system while the output was being made.
     pub fn failed(&self, action: &str, source: io::Error) -> Error {
-        let left = if self.keep { "no output was written" } else { "nothing was left behind" };
-        Error::io(&self.output, format!("{action} ({left})"), source)
+        // What is left to go on from, the state of a build and of those around it says.
+        Error::io(&self.output, format!("{action} (no output was written)"), source)
     }
 
     /// Removes everything but the lock; the state first, since it counts on the rest.
@@ -221,6 +231,10 @@ fn resolve(output: &Path, force: bool) -> Result<PathBuf> {
         ))),
         Ok(_) if !force => Err(exists(output)),
         Ok(_) => fs::canonicalize(output).map_err(|source| Error::io(output, "resolve", source)),
+        // A rename would fail there when all the work is done, or put the file where nobody looks for it.
+        Err(error) if error.kind() == ErrorKind::NotFound && fs::symlink_metadata(output).is_ok() => {
+            Err(output::dangling(output))
+        }
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(output.to_owned()),
         Err(source) => Err(Error::io(output, "look at", source)),
     }

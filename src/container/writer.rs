@@ -249,15 +249,17 @@ impl ContainerWriter {
         metadata: &Metadata,
         statistics: &Statistics,
     ) -> Result<FileSummary> {
-        self.finish_while(header, metadata, statistics, &mut |_, _| true)
+        self.finish_while(header, metadata, statistics, &|_| Ok(()), &mut |_, _| true)
     }
 
-    /// [`ContainerWriter::finish`], but stops with [`Error::Interrupted`] when `go_on`, told the tiles copied and their total, says no.
+    /// [`ContainerWriter::finish`], but stops with [`Error::Interrupted`] when `go_on`, told the tiles copied and their total, says no, and
+    /// with the error of `inspect`, which is shown the whole file before it gets its name.
     pub fn finish_while(
         mut self,
         header: &Header,
         metadata: &Metadata,
         statistics: &Statistics,
+        inspect: &dyn Fn(&Path) -> Result<()>,
         go_on: &mut dyn FnMut(u64, u64) -> bool,
     ) -> Result<FileSummary> {
         if self.failed {
@@ -288,6 +290,7 @@ impl ContainerWriter {
         {
             return Err(Error::Interrupted);
         }
+        inspect(&path)?;
         self.work.publish(&path)?;
         Ok(FileSummary {
             path: self.work.output().to_owned(),

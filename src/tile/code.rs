@@ -7,15 +7,15 @@ use std::ops::Range;
 use crate::error::{Error, Result};
 use crate::sample::{Coding, SampleType, VALID, VOID, code_from_f32, code_from_f64};
 use crate::simd::{self, Kernel};
-use crate::source::{Samples, SourceInfo, Window};
+use crate::source::{Nodata, Samples, SourceInfo, Window};
 
 /// How raw samples become codes.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub struct Recipe {
     /// The coding of the result.
     pub coding: Coding,
-    /// Value that means void, in the source's type; NaN and infinities are void whatever it is.
-    pub nodata: Option<f64>,
+    /// Samples of the source's type that are void; NaN and infinities are whatever it is.
+    pub nodata: Nodata,
     /// True if values are rounded to multiples of the coding's scale.
     pub quantised: bool,
 }
@@ -87,7 +87,7 @@ impl Recipe {
             SampleType::Uint32 => Coding::Integer { scale: 1.0, offset: 2_147_483_648.0 },
             _ => Coding::Integer { scale: 1.0, offset: 0.0 },
         };
-        Self { coding, nodata: info.nodata, quantised: false }
+        Self { coding, nodata: info.voids(), quantised: false }
     }
 
     /// The recipe whose decoded values differ from the source's by at most half of `precision_m` metres, also after
@@ -148,11 +148,7 @@ impl Recipe {
     }
 
     fn integers<T: Copy + PartialEq + Into<i64> + TryFrom<i64>>(&self, values: &[T], out: &mut Codes) {
-        // A nodata value that is no integer of this type matches nothing, as in GDAL.
-        let nodata = self
-            .nodata
-            .filter(|v| v.fract() == 0.0 && v.abs() < 9e15)
-            .and_then(|v| T::try_from(v as i64).ok());
+        let nodata = self.nodata.near().and_then(|(value, _)| T::try_from(value as i64).ok());
         let Coding::Integer { offset, .. } = self.coding else { return };
         if self.quantised {
             let values = values.iter().map(|&raw| (Some(raw) != nodata).then(|| raw.into() as f64));
@@ -163,8 +159,22 @@ impl Recipe {
     }
 
     fn float32(&self, values: &[f32], out: &mut Codes) {
-        let nodata = self.nodata.map(|v| v as f32);
-        let is_valid = |value: f32| value.is_finite() && Some(value) != nodata;
+        // Most rasters need fewer comparisons than there can be.
+        match (self.nodata.near(), self.nodata.far()) {
+            (None, None) => self.float32_where(values, f32::is_finite, out),
+            (Some((low, high)), None) => {
+                let (low, high) = (low as f32, high as f32);
+                let is_valid = |value: f32| value.is_finite() && !(low..=high).contains(&value);
+                self.float32_where(values, is_valid, out);
+            }
+            _ => {
+                let is_valid = |value: f32| value.is_finite() && !self.nodata.is(value.into());
+                self.float32_where(values, is_valid, out);
+            }
+        }
+    }
+
+    fn float32_where(&self, values: &[f32], is_valid: impl Fn(f32) -> bool, out: &mut Codes) {
         if self.quantised {
             self.add(values.iter().map(|&value| is_valid(value).then_some(f64::from(value))), out);
             return;
@@ -174,7 +184,7 @@ impl Recipe {
     }
 
     fn float64(&self, values: &[f64], out: &mut Codes) {
-        let is_valid = |value: f64| value.is_finite() && Some(value) != self.nodata;
+        let is_valid = |value: f64| value.is_finite() && !self.nodata.is(value);
         if self.quantised {
             self.add(values.iter().map(|&value| is_valid(value).then_some(value)), out);
             return;
@@ -196,23 +206,29 @@ impl Recipe {
 }
 
 /// Largest absolute value of the valid samples of a window; 0 if there are none.
-pub fn max_magnitude(window: &Window, nodata: Option<f64>) -> f64 {
-    let largest = |values: &mut dyn Iterator<Item = f64>| {
-        values.filter(|v| v.is_finite() && Some(*v) != nodata).fold(0.0, |a: f64, v| a.max(v.abs()))
-    };
-    match &window.samples {
-        Samples::Float32(v) => {
-            let nodata = nodata.map(|n| n as f32);
-            v.iter()
-                .filter(|v| v.is_finite() && Some(**v) != nodata)
-                .fold(0.0, |a, v| a.max(f64::from(v.abs())))
+pub fn max_magnitude(window: &Window, nodata: Nodata) -> f64 {
+    fn largest<T: Copy + Into<f64>>(samples: &[T], mask: Option<&[u8]>, nodata: Nodata) -> f64 {
+        let size = |sample: T| {
+            let value: f64 = sample.into();
+            if value.is_finite() && !nodata.is(value) { value.abs() } else { 0.0 }
+        };
+        match mask {
+            None => samples.iter().fold(0.0, |a, &sample| size(sample).max(a)),
+            Some(mask) => {
+                let valid = samples.iter().zip(mask).filter(|&(_, &valid)| valid != 0);
+                valid.fold(0.0, |a, (&sample, _)| size(sample).max(a))
+            }
         }
-        Samples::Float64(v) => largest(&mut v.iter().copied()),
-        Samples::Int8(v) => largest(&mut v.iter().map(|&v| f64::from(v))),
-        Samples::Uint8(v) => largest(&mut v.iter().map(|&v| f64::from(v))),
-        Samples::Int16(v) => largest(&mut v.iter().map(|&v| f64::from(v))),
-        Samples::Uint16(v) => largest(&mut v.iter().map(|&v| f64::from(v))),
-        Samples::Int32(v) => largest(&mut v.iter().map(|&v| f64::from(v))),
-        Samples::Uint32(v) => largest(&mut v.iter().map(|&v| f64::from(v))),
+    }
+    let mask = window.mask.as_deref();
+    match &window.samples {
+        Samples::Float32(v) => largest(v, mask, nodata),
+        Samples::Float64(v) => largest(v, mask, nodata),
+        Samples::Int8(v) => largest(v, mask, nodata),
+        Samples::Uint8(v) => largest(v, mask, nodata),
+        Samples::Int16(v) => largest(v, mask, nodata),
+        Samples::Uint16(v) => largest(v, mask, nodata),
+        Samples::Int32(v) => largest(v, mask, nodata),
+        Samples::Uint32(v) => largest(v, mask, nodata),
     }
 }

@@ -115,7 +115,7 @@ fn what_a_newer_program_wrote_is_refused_by_name() {
             other => panic!("byte {at}: {other:?}"),
         }
     };
-    assert!(changed(8, 2).contains("version 2"));
+    assert!(changed(8, 3).contains("version 3"));
     assert!(changed(13, 4).contains("feature bit 10"));
     assert!(changed(43, 3).contains("metric 3"));
     assert!(changed(44, 9).contains("sample kind 9"));

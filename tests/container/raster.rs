@@ -48,13 +48,18 @@ impl Raster {
             levels: leaf_level(width, height, 16),
             metric: Metric::Bound,
             coding,
-            source_type: SampleType::Int16,
+            source_type: match coding {
+                Coding::Integer { .. } => SampleType::Int16,
+                Coding::Float32 => SampleType::Float32,
+                Coding::Float64 => SampleType::Float64,
+            },
             band_scale: 2.0,
             band_offset: 1.0,
             unit_metres: 0.5,
             quantisation_error: 0.0,
             nodata: Some(-9999.0),
             transform: Some([1000.0, 3.0, 1.0, 2000.0, 0.5, -2.0]),
+            version: 2,
             tile_count: 1,
         };
         Self { header, valid: HashMap::new() }

@@ -216,7 +216,7 @@ fn a_full_disk_leaves_nothing_behind() {
         }
         let failed = finish(writer, &raster).unwrap_err();
         let text = failed.to_string();
-        assert!(text.contains("a.rlv: ") && text.contains("nothing was left behind"), "{text}");
+        assert!(text.contains("a.rlv: ") && text.contains("no output was written"), "{text}");
         assert!(text.contains("No space left"), "{text}");
         assert!(names(folder.path()).is_empty());
     }

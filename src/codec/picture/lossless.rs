@@ -96,6 +96,17 @@ pub(super) fn encode_png(form: &Form, colour: &[u8], alpha: Option<&[u8]>) -> Re
     Ok(chunk)
 }
 
+/// What a PNG file calls its colours.
+fn name(colours: png::ColorType) -> &'static str {
+    match colours {
+        png::ColorType::Grayscale => "grey",
+        png::ColorType::GrayscaleAlpha => "grey and alpha",
+        png::ColorType::Rgb => "RGB",
+        png::ColorType::Rgba => "RGB and alpha",
+        png::ColorType::Indexed => "a palette",
+    }
+}
+
 /// Colour and alpha of a PNG file.
 pub(super) fn decode_png(form: &Form, chunk: &[u8]) -> Result<Decoded> {
     let bad = |error: png::DecodingError| Error::format(PLACE, "a PNG picture", error);
@@ -110,7 +121,7 @@ pub(super) fn decode_png(form: &Form, chunk: &[u8]) -> Result<Decoded> {
         (Colour::Grey, png::ColorType::GrayscaleAlpha) => 2,
         (Colour::Rgb, png::ColorType::Rgb) => 3,
         (Colour::Rgb, png::ColorType::Rgba) => 4,
-        (_, other) => return Err(Error::format(PLACE, "the layer's colour", format!("{other:?}"))),
+        (_, other) => return Err(Error::format(PLACE, "the layer's colour", name(other))),
     };
     if info.bit_depth != png::BitDepth::Eight || info.animation_control.is_some() {
         return Err(Error::format(PLACE, "one picture of 8 bits", "another"));

@@ -61,12 +61,12 @@ impl ContainerWriter {
     /// the file is put together.
     pub fn adopt(&mut self, piece: &Path, mark: &Mark) -> Result<()> {
         let path = piece.join(RECORDS);
-        let mut file = File::open(&path).map_err(|source| Error::io(&path, "open", source))?;
+        let mut file = crate::file::open(&path).map_err(|source| Error::io(&path, "open", source))?;
         let entries = read_records(&mut file, mark, &path)?;
         let mut bases = Vec::with_capacity(mark.levels.len());
         for (level, &end) in mark.levels.iter().enumerate() {
             let path = piece.join(level_name(level));
-            let file = File::open(&path).map_err(|source| Error::io(&path, "open", source))?;
+            let file = crate::file::open(&path).map_err(|source| Error::io(&path, "open", source))?;
             let length = file.metadata().map_err(|source| Error::io(&path, "look at it", source))?.len();
             if length < end {
                 return Err(Error::format("chunks", format!("{end} bytes"), length).at(&path));
