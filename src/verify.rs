@@ -3,15 +3,31 @@
 //!
 //! Nothing here prints and nothing is repaired: what is wrong becomes a [`Problem`] in a [`VerifyReport`]. An `Err` says that
 //! the check itself could not be made. What is recomputed is recomputed in ways of its own: the geometry in here shares
-//! no formula with `patch`.
+//! no formula with `patch`, and metres are made by arithmetic of its own (`ground`).
+//!
+//! # What nobody can check
+//! A file that lies with care, about a thing that stands in it once, cannot be caught by itself:
+//! - With its source only: size, geotransform with bounds and WKT, band scale, offset and unit (told alike in header, index, statistics), the
+//!   samples, a tile left out that no other tile and no statistics tell of, `pixel_is_point` without keys, vertical systems.
+//! - Not even then: `tool`, `sources`, `more_sources`, `name`, options but tile, patch, metric, nodata and precision, members and sections of
+//!   other programs, optional features, the nodata value (a build may have been given another), the quality of JPEGs, what pictures
+//!   showed, texels that should be there and the gutters of imagery tiles.
+//! - Errors that are too large: they are bounds. How much too large, `deep` tells; the true horizontal ones are found from below, to about half
+//!   a sample.
+//! - What void samples without a fill decode to: it is never used.
 
+mod about;
 mod borders;
 mod deep;
 mod full;
+mod ground;
+mod hints;
 mod imagery;
 mod index;
+mod memory;
 mod outline;
 mod paper;
+mod range;
 mod raster;
 mod report;
 mod shape;
@@ -20,12 +36,17 @@ mod tables;
 #[cfg(test)]
 mod tests;
 mod tiles;
+mod values;
 mod vertical;
+mod wkt;
+mod words;
 
 pub use report::{Check, Place, Problem, Ratios, Tightness, VerifyReport};
 
+use crate::container::layout::Metric;
 use crate::container::reader::Reader;
 use crate::error::{Error, Result};
+use crate::geo::CrsKind;
 use crate::source::Source;
 
 /// What to check, and how much of it to tell.
@@ -61,16 +82,20 @@ pub type Watch<'a> = &'a mut dyn FnMut(Progress) -> bool;
 
 /// Checks an open file.
 ///
-/// Damage is a finding, not an error; a disk that cannot be read, or a raster too large for `deep`, is an error.
+/// Damage is a finding, not an error; a disk that cannot be read, or a raster too large for `deep`, is an error. Where the reader has a limit
+/// of memory (`ReaderOptions::memory`) it is kept: the source is then read in fewer rows at a time, and what is still too much is refused
+/// before the check.
 pub fn verify(
     reader: &Reader,
     source: Option<&dyn Source>,
     options: &VerifyOptions,
     progress: Watch,
 ) -> Result<VerifyReport> {
+    let shape = memory::shape(reader, source, options)?;
     let mut report = VerifyReport::default();
     report.checks.push(index::sections(reader, options)?);
     report.checks.push(index::pages(reader, options)?);
+    report.checks.push(about::check(reader, options.keep));
     let (tables, checks) = tiles::check(reader, options, progress)?;
     report.checks.extend(checks);
     if let Some(layer) = reader.imagery() {
@@ -78,12 +103,26 @@ pub fn verify(
         report.checks.push(imagery::tiles(layer, options, progress)?);
     }
     if let Some(source) = source {
-        report.checks.extend(raster::check(reader, source, options, progress)?);
+        report.checks.extend(raster::check(reader, source, shape, options, progress)?);
     }
     if options.deep {
         deep::check(reader, &tables, options, progress, &mut report)?;
     }
+    report.checks.extend(unproven(reader, options.keep));
     Ok(report)
+}
+
+/// What version 1 of the format left open: a check that was not made, and says why.
+fn unproven(reader: &Reader, keep: usize) -> Option<Check> {
+    let header = reader.header();
+    let geographic = reader.geo().crs.kind == CrsKind::Geographic;
+    (header.version == 1 && header.metric == Metric::Bound && geographic).then(|| {
+        let mut check = Check::new("proof of horizontal errors", "files", keep);
+        check.note = "horizontal errors of geographic rasters are not proven in files of version 1 of the format, where a tile reaches beyond \
+                      the raster; build the file anew"
+            .into();
+        check
+    })
 }
 
 /// The report of a file that a reader has refused to open as damaged. Any other reason is passed on.

@@ -3,6 +3,9 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on stops")]
 
 mod verify {
+    pub mod lies;
+    pub mod patch;
+    pub mod statements;
     pub mod terrain;
 }
 
@@ -633,7 +636,7 @@ fn the_command_line_says_what_is_wrong() {
     let json: serde_json::Value = serde_json::from_slice(&bad.stdout).unwrap();
     assert_eq!(json["good"], false);
     let chunks = json["checks"].as_array().unwrap().iter().find(|check| check["name"] == "chunks").unwrap();
-    assert!(chunks["first"][0]["place"]["tile"].as_str().unwrap().starts_with("3/"));
+    assert!(chunks["first"][0]["place"]["tile_id"].as_str().unwrap().starts_with("3/"));
 
     bytes.truncate(300);
     std::fs::write(&damaged, &bytes).unwrap();

@@ -8,8 +8,10 @@ use std::collections::{BTreeMap, HashMap};
 use rayon::prelude::*;
 
 use super::full::Full;
+use super::ground::Ground;
 use super::outline::Outline;
 use super::paper;
+use super::range::Hull;
 use super::report::{Check, Place, Ratios, Tightness, VerifyReport};
 use super::shape::{Grid, HAS_VALID, Occupancy};
 use super::tiles::Tables;
@@ -80,22 +82,38 @@ fn compare_samples(
 ) -> Result<()> {
     let entries: Vec<&TileEntry> = tables.by_tile.values().map(|(entry, _)| entry).collect();
     let total = entries.len() as u64;
+    let mut hulls = HashMap::new();
     for (done, batch) in (0..).step_by(64).zip(entries.chunks(64)) {
-        let parts: Vec<Result<Check>> = batch
+        let parts: Vec<Result<(Check, Hull)>> = batch
             .par_iter()
             .map(|entry| {
                 let mut part = check.part();
                 let lattice = reader.read_tile(entry.id)?;
-                full.compare(reader.header(), entry.id, &lattice, (entry.min_m, entry.max_m), &mut part);
-                Ok(part)
+                let range = (entry.min_m, entry.max_m);
+                let hull = full.compare(reader.header(), entry.id, &lattice, range, &mut part);
+                Ok((part, hull))
             })
             .collect();
-        for part in parts {
-            check.join(part?);
+        for (entry, part) in batch.iter().zip(parts) {
+            let (part, hull) = part?;
+            check.join(part);
+            hulls.insert(entry.id, hull);
         }
         tell(progress, "samples", done, total)?;
     }
+    check_ranges(&entries, hulls, check);
     Ok(())
+}
+
+/// The index's height ranges, from the leaves to the root: of a tile's own samples and of those of its children, and no wider.
+fn check_ranges(entries: &[&TileEntry], mut hulls: HashMap<TileId, Hull>, check: &mut Check) {
+    for entry in entries.iter().rev() {
+        let Some(hull) = hulls.remove(&entry.id) else { continue };
+        hull.check(entry, check);
+        if let Some(above) = entry.id.parent().and_then(|parent| hulls.get_mut(&parent)) {
+            above.join(hull);
+        }
+    }
 }
 
 /// Stored over true errors of one level and step: vertical, horizontal.
@@ -121,7 +139,8 @@ impl Deep<'_> {
         let header = self.reader.header();
         let occupancy = Occupancy::of(full);
         let surfaces = Surfaces::new(full, &occupancy);
-        let outline = Outline::new(self.reader, full, &occupancy);
+        let ground = Ground::of(self.reader).with_rows(header.height.saturating_add(1));
+        let outline = Outline::new(ground, full, &occupancy);
         let (metres, quantisation) = metres_of_number(header);
         let (p, levels) = (u32::from(header.patch_log2), u32::from(header.levels));
         let mut hulls: [Option<Grid>; 2] = [None, None];

@@ -4,16 +4,18 @@
 
 use rayon::prelude::*;
 
+use super::range::Hull;
 use super::report::{Check, Place};
 use crate::container::layout::Header;
 use crate::container::reader::Reader;
 use crate::error::Result;
-use crate::geo::Spacing;
 use crate::sample::{Coding, FILLED, Lattice, VALID, VOID};
 use crate::tile::TileId;
 
 /// Tiles decoded at a time.
 const BATCH: usize = 64;
+/// Rows whose voids are filled at a time.
+pub(super) const FILL_ROWS: usize = 64;
 
 /// Code, low and state of a sample.
 pub(super) type Sample = (i32, u32, u8);
@@ -88,16 +90,21 @@ impl Full {
     }
 
     fn fill_voids(&mut self) {
-        let fills: Vec<_> = (0..self.rows)
-            .into_par_iter()
-            .flat_map_iter(|row| (0..self.columns).map(move |column| (column, row)))
-            .filter(|&(column, row)| self.state[self.at(column, row)] != VALID)
-            .filter_map(|(column, row)| Some((self.at(column, row), self.fill(column as u64, row as u64)?)))
-            .collect();
-        for (at, (code, low)) in fills {
-            (self.code[at], self.state[at]) = (code, FILLED);
-            if let Some(to) = self.low.get_mut(at) {
-                *to = low;
+        for first in (0..self.rows).step_by(FILL_ROWS) {
+            // Fills come from valid samples alone, so that those of the rows before change nothing.
+            let fills: Vec<_> = (first..self.rows.min(first + FILL_ROWS))
+                .into_par_iter()
+                .flat_map_iter(|row| (0..self.columns).map(move |column| (column, row)))
+                .filter(|&(column, row)| self.state[self.at(column, row)] != VALID)
+                .filter_map(|(column, row)| {
+                    Some((self.at(column, row), self.fill(column as u64, row as u64)?))
+                })
+                .collect();
+            for (at, (code, low)) in fills {
+                (self.code[at], self.state[at]) = (code, FILLED);
+                if let Some(to) = self.low.get_mut(at) {
+                    *to = low;
+                }
             }
         }
     }
@@ -162,7 +169,7 @@ impl Full {
     }
 
     /// Holds every sample of a tile against the sample it stands for. What its triangles can show lies in its height range: that
-    /// is not so for a fill from farther away than the tile is wide.
+    /// is not so for a fill from farther away than the tile is wide. Gives the range of all the others.
     pub fn compare(
         &self,
         header: &Header,
@@ -170,7 +177,8 @@ impl Full {
         lattice: &Lattice,
         range: (f32, f32),
         check: &mut Check,
-    ) {
+    ) -> Hull {
+        let mut hull = Hull::EMPTY;
         let spacing = u64::from(header.spacing(id.level));
         let (left, top) = header.origin(id);
         check.looked_at += lattice.state.len() as u64;
@@ -190,30 +198,24 @@ impl Full {
                 let code = format_args!("code {} at full resolution", expected.0);
                 check.demand(same, place, code, format_args!("code {}", got.0));
                 let metres = header.metres_of(expected.0, expected.1);
-                let mut inside = f64::from(range.0) <= metres && metres <= f64::from(range.1);
-                if !inside && state != VALID {
-                    let reach = spacing * lattice.n as u64;
-                    inside = self.find_fill(column, row).is_none_or(|fill| fill.0 > reach);
+                if state != VALID && !self.is_filled_within(column, row, spacing * lattice.n as u64) {
+                    continue;
                 }
+                hull.take(metres);
+                let inside = f64::from(range.0) <= metres && metres <= f64::from(range.1);
                 let range = format_args!("{} to {}", range.0, range.1);
                 check.demand(inside, place, format_args!("a height range that holds {metres}"), range);
             }
         }
+        hull
     }
-}
 
-/// Metres of one interval of a tile: the upper bound that [`crate::geo::Geo::spacing`] gives for the samples it spans.
-pub(super) fn tile_spacing(reader: &Reader, id: TileId) -> Spacing {
-    let header = reader.header();
-    let step = u64::from(header.spacing(id.level));
-    let span = step * u64::from(header.tile());
-    let (left, top) = header.origin(id);
-    let range = |first: u64, samples: u32| {
-        let last = u64::from(samples - 1);
-        (first.min(last) as u32, (first + span).min(last) as u32)
-    };
-    let spacing = reader.geo().spacing(range(left, header.width), range(top, header.height));
-    Spacing { dx: spacing.dx * step as f64, dy: spacing.dy * step as f64 }
+    /// True if a void sample that has a fill has it from no farther than `reach` away.
+    fn is_filled_within(&self, column: u64, row: u64, reach: u64) -> bool {
+        // No fill comes from farther than the birth spacing.
+        let birth = (column | row | self.side).trailing_zeros();
+        1 << birth <= reach || self.find_fill(column, row).is_some_and(|fill| fill.0 <= reach)
+    }
 }
 
 #[cfg(test)]

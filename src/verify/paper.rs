@@ -7,10 +7,10 @@ use std::collections::HashMap;
 
 use rayon::prelude::*;
 
-use super::full::{Full, tile_spacing};
+use super::full::Full;
+use super::ground::Ground;
 use crate::container::reader::Reader;
 use crate::error_code::code_from_metres;
-use crate::geo::Spacing;
 use crate::sample::{Coding, VALID};
 use crate::tile::TileId;
 
@@ -34,9 +34,9 @@ pub(super) fn level(
     ids.par_iter().map(|&id| (id, Tile { reader, full, id, metres }.errors(below))).collect()
 }
 
-/// True if a stored code is that of `metres`, rounded up; arithmetic may have moved `metres` a little.
+/// True if a stored code is that of `metres`, rounded up; arithmetic may have moved `metres` a little, upwards on purpose.
 pub(super) fn is_code_of(code: u16, metres: f64) -> bool {
-    (code_from_metres(metres * (1.0 - 1e-9))..=code_from_metres(metres * (1.0 + 1e-9))).contains(&code)
+    (code_from_metres(metres * (1.0 - 1e-9))..=code_from_metres(metres * (1.0 + 2.5e-9))).contains(&code)
 }
 
 struct Tile<'a> {
@@ -74,7 +74,7 @@ impl Tile<'_> {
         let patch = u64::from(self.reader.header().patch());
         let (left, top) = ((index % side) as u64 * patch, (index / side) as u64 * patch);
         let half = 1_u64 << (step - 1);
-        let spacing = tile_spacing(self.reader, self.id);
+        let intervals = Ground::of(self.reader).intervals(self.reader.header(), self.id);
         let (mut vertical, mut horizontal) = (0.0_f64, 0.0_f64);
         for y in (0..=patch).step_by(half as usize) {
             for x in (0..=patch).step_by(half as usize) {
@@ -86,7 +86,7 @@ impl Tile<'_> {
                     (true, true) => &[(1, 1), (1, -1)],
                 };
                 for &direction in directions {
-                    let (v, h) = self.edge((left + x, top + y), direction, half, spacing);
+                    let (v, h) = self.edge((left + x, top + y), direction, half, intervals);
                     (vertical, horizontal) = (vertical.max(v), horizontal.max(h));
                 }
             }
@@ -95,7 +95,7 @@ impl Tile<'_> {
     }
 
     /// Errors of dropping C at `(x, y)` between A and B, `half` intervals away on both sides.
-    fn edge(&self, (x, y): (u64, u64), (dx, dy): (i64, i64), half: u64, spacing: Spacing) -> (f64, f64) {
+    fn edge(&self, (x, y): (u64, u64), (dx, dy): (i64, i64), half: u64, intervals: [f64; 2]) -> (f64, f64) {
         let header = self.reader.header();
         let step = i64::from(header.spacing(self.id.level));
         let (left, top) = header.origin(self.id);
@@ -109,7 +109,8 @@ impl Tile<'_> {
             Coding::Integer { .. } => f64::from(code),
             coding => coding.value(code, low),
         };
-        let hsize = (half as f64 * spacing.dx * dx as f64).hypot(half as f64 * spacing.dy * dy as f64);
+        let along = |axis: usize, steps: i64| half as f64 * intervals[axis] * steps as f64;
+        let hsize = along(0, dx).hypot(along(1, dy));
         let horizontal = match [a, c, b].map(|sample| sample.2 == VALID) {
             [false, false, false] => return (0.0, 0.0),
             [true, true, true] => 0.0,

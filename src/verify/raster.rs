@@ -1,9 +1,11 @@
 //! Every sample of the source against what a reader decodes.
 
+use std::fmt;
 use std::ops::Range;
 
+use super::memory::{BATCH, Shape};
 use super::report::{Check, Place};
-use super::{VerifyOptions, Watch, tell};
+use super::{VerifyOptions, Watch, tell, words};
 use crate::container::layout::Header;
 use crate::container::reader::Reader;
 use crate::error::Result;
@@ -11,10 +13,11 @@ use crate::sample::{Lattice, SampleType, VALID};
 use crate::source::{Rect, Source};
 use crate::tile::TileId;
 
-/// What the header says, then the samples, a row of leaf tiles at a time.
+/// What the header says, then the samples, in bands of at most `shape` within each row of leaf tiles.
 pub(super) fn check(
     reader: &Reader,
     source: &dyn Source,
+    shape: Shape,
     options: &VerifyOptions,
     progress: Watch,
 ) -> Result<Vec<Check>> {
@@ -26,23 +29,40 @@ pub(super) fn check(
         return Ok(vec![about, samples]);
     }
     let rule = Rule::of(header, info.sample_type);
-    let tile = u64::from(header.tile());
     let footprint = info.footprint.as_deref();
     let mut row = 0;
     while row < header.height {
-        let south = (u64::from(row) + tile).min(u64::from(header.height)) as u32;
         // The last row of the raster may be the lower border of the last row of tiles.
         let y = (row / header.tile()).min((1 << header.levels) - 1);
+        let south = (u64::from(row) + u64::from(shape.rows)).min(u64::from(header.height)) as u32;
         // Tiles that the index does not lead to are missing, and found so.
         let tiles = samples.take(reader.row(header.levels, y), Place::default())?.unwrap_or_default();
-        for columns in to_compare(header, &tiles, footprint, &(row..south)) {
+        let (parts, cut) = pieces(to_compare(header, &tiles, footprint, &(row..south)), shape.columns);
+        for columns in parts {
             let band = Band::decode(reader, &columns, (row..south, y), &tiles, &mut samples)?;
             band.compare(source, &rule, &mut samples)?;
+            if cut {
+                // What a sweep would keep of each part for the next band is more than there is room for.
+                source.release();
+            }
         }
         row = south;
         tell(progress, "source", row.into(), header.height.into())?;
     }
     Ok(vec![about, samples])
+}
+
+/// Ranges cut into parts of at most `most`; true if some are.
+fn pieces(ranges: Vec<Range<u32>>, most: u32) -> (Vec<Range<u32>>, bool) {
+    let count = ranges.len();
+    let step = most.max(1) as usize;
+    let parts = |range: Range<u32>| {
+        let end = range.end;
+        range.step_by(step).map(move |start| start..end.min(start.saturating_add(most.max(1))))
+    };
+    let cut: Vec<Range<u32>> = ranges.into_iter().flat_map(parts).collect();
+    let is_cut = cut.len() > count;
+    (cut, is_cut)
 }
 
 /// Columns of samples of some rows where there are tiles, or where the source may have samples: ascending, apart. All else is void on
@@ -76,23 +96,34 @@ fn to_compare(
 fn check_about(reader: &Reader, source: &dyn Source, keep: usize) -> Check {
     let mut check = Check::new("source header", "fields", keep);
     let (header, info) = (reader.header(), source.info());
-    let mut same = |name: &str, is: bool, expected: &dyn std::fmt::Debug, got: &dyn std::fmt::Debug| {
+    let mut same = |name: &str, is: bool, expected: &dyn fmt::Display, got: &dyn fmt::Display| {
         check.looked_at += 1;
-        check.demand(is, || Place::of(name), format_args!("{expected:?}"), format_args!("{got:?}"));
+        check.demand(is, || Place::of(name), expected, got);
     };
+    let by = |(width, height): (u32, u32)| format!("{width} x {height} samples");
     let (size, stored) = ((info.width, info.height), (header.width, header.height));
-    same("size", size == stored, &size, &stored);
-    same("sample type", info.sample_type == header.source_type, &info.sample_type, &header.source_type);
+    same("size", size == stored, &by(size), &by(stored));
+    let (kind, stored) = (info.sample_type, header.source_type);
+    same("sample type", kind == stored, &kind.gdal_name(), &stored.gdal_name());
     let (transform, stored) = (info.geo.transform, header.transform);
-    same("geotransform", transform == stored, &transform, &stored);
+    same("geotransform", transform == stored, &words::transform(transform), &words::transform(stored));
     same("band scale", info.band_scale == header.band_scale, &info.band_scale, &header.band_scale);
     same("band offset", info.band_offset == header.band_offset, &info.band_offset, &header.band_offset);
     let metres = info.vertical_unit.0;
-    same("vertical unit", metres == header.unit_metres, &metres, &header.unit_metres);
-    same("coordinate system", info.geo.crs == reader.geo().crs, &info.geo.crs, &reader.geo().crs);
+    same("metres of a vertical unit", metres == header.unit_metres, &metres, &header.unit_metres);
+    let (crs, stored) = (&info.geo.crs, &reader.geo().crs);
+    let (expected, got) = words::crs(crs, stored);
+    same("coordinate system", crs == stored, &expected, &got);
+    let (point, stored) = (info.geo.pixel_is_point, reader.geo().pixel_is_point);
+    same("pixel is point", point == stored, &point, &stored);
+    let (name, stored) = (&info.vertical_unit.1, &reader.metadata().vertical_unit);
+    same("name of the vertical unit", name == stored, name, stored);
     // Another value may have been given to the build (`--nodata`); then the samples decide.
     let given = header.nodata.is_some() || info.nodata.is_none();
-    same("nodata", given, &info.nodata, &header.nodata);
+    let text =
+        |nodata: Option<f64>, kind: SampleType| nodata.map_or("none".to_owned(), |value| kind.text(value));
+    let (nodata, stored) = (text(info.nodata, kind), text(header.nodata, header.source_type));
+    same("nodata", given, &nodata, &stored);
     check
 }
 
@@ -106,13 +137,31 @@ struct Rule {
 
 impl Rule {
     fn of(header: &Header, kind: SampleType) -> Self {
-        // A nodata value is compared as a number of the source's type.
-        let nodata = if kind == SampleType::Float32 {
-            header.nodata.map(|value| f64::from(value as f32))
-        } else {
-            header.nodata
+        Self { kind, nodata: header.nodata, error: header.quantisation_error }
+    }
+
+    /// True if a sample is void for the nodata value: GDAL's comparison, taken from its source (`GDALNoDataMaskBand`).
+    fn is_nodata(&self, sample: f64) -> bool {
+        const ULPS: f32 = 2.0;
+        let Some(nodata) = self.nodata else { return false };
+        // Integers are compared as bytes or with 32 bits, after a cast that cuts off.
+        let (low, high) = match self.kind {
+            SampleType::Float32 => {
+                let (a, b) = (sample as f32, nodata as f32);
+                return a == b || b.is_finite() && (a - b).abs() < f32::EPSILON * (a + b).abs() * ULPS;
+            }
+            SampleType::Float64 => {
+                let (difference, sum) = ((sample - nodata).abs(), (sample + nodata).abs());
+                let close = difference < f64::from(f32::EPSILON) * sum * f64::from(ULPS);
+                return sample == nodata || nodata.is_finite() && close;
+            }
+            SampleType::Uint8 => (0, i64::from(u8::MAX)),
+            SampleType::Uint16 | SampleType::Uint32 => (0, i64::from(u32::MAX)),
+            SampleType::Int8 | SampleType::Int16 | SampleType::Int32 => {
+                (i64::from(i32::MIN), i64::from(i32::MAX))
+            }
         };
-        Self { kind, nodata, error: header.quantisation_error }
+        nodata >= low as f64 && nodata <= high as f64 && sample as i64 == nodata as i64
     }
 
     /// A value as it would be written back to the source's type.
@@ -165,7 +214,7 @@ impl Band {
             left < u64::from(columns.end) && u64::from(columns.start) <= left + u64::from(header.tile())
         };
         let ids: Vec<_> = tiles.iter().filter(meets).map(|&x| TileId::new(header.levels, x, y)).collect();
-        for ids in ids.chunks(64) {
+        for ids in ids.chunks(BATCH) {
             let tiles: Vec<_> = ids.par_iter().map(|&id| (id, reader.read_tile(id))).collect();
             for (id, tile) in tiles {
                 if let Some(lattice) = check.take(tile, Place::tile(id))? {
@@ -201,7 +250,7 @@ impl Band {
             let value = window.samples.value(at);
             let masked =
                 window.mask.as_ref().is_some_and(|mask| mask.get(at).is_none_or(|&valid| valid == 0));
-            let void = masked || !value.is_finite() || rule.nodata == Some(value);
+            let void = masked || !value.is_finite() || rule.is_nodata(value);
             let original = (!void).then_some(value);
             let good = match (decoded, original) {
                 (None, None) => true,

@@ -137,11 +137,11 @@ impl fmt::Display for Problem {
 /// A place in a file, as exact as it is known.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Place {
-    /// The tile, `level/x/y` in JSON.
-    #[serde(serialize_with = "as_text", skip_serializing_if = "Option::is_none")]
+    /// The tile, `tile_id` and `level/x/y` in JSON, where a `tile` is a size.
+    #[serde(rename = "tile_id", serialize_with = "as_text", skip_serializing_if = "Option::is_none")]
     pub tile: Option<TileId>,
-    /// Column and row of the patch in its tile.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// Column and row of the patch in its tile; a `patch` is a size in JSON.
+    #[serde(rename = "patch_place", skip_serializing_if = "Option::is_none")]
     pub patch: Option<[u32; 2]>,
     /// The step.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -178,7 +178,15 @@ impl Place {
 
     /// With a part named.
     pub(super) fn part(self, part: impl Into<String>) -> Self {
-        Self { part: part.into(), ..self }
+        let mut part = part.into();
+        // An error that names the tile itself need not name it twice.
+        if let Some(rest) =
+            self.tile.and_then(|id| part.strip_prefix(&format!("tile {id}")).map(str::to_owned))
+            && !rest.starts_with(|c: char| c.is_ascii_alphanumeric())
+        {
+            rest.trim_start_matches([',', ':', ' ']).clone_into(&mut part);
+        }
+        Self { part, ..self }
     }
 }
 

@@ -3,10 +3,10 @@
 use proptest::prelude::*;
 
 use super::full::Full;
+use super::ground::Ground;
 use super::outline::Outline;
 use super::shape::Occupancy;
 use super::vertical::Surfaces;
-use crate::geo::Spacing;
 use crate::sample::{VALID, VOID};
 
 /// Validity and height of the surface drawn at spacing `s`, straight from section 2 of the specification.
@@ -38,9 +38,9 @@ fn points(q: u32, column: u64, row: u64) -> impl Iterator<Item = (f64, f64)> {
     (0..=4 * s).flat_map(move |j| (0..=4 * s).map(move |i| (along(column, i), along(row, j))))
 }
 
-/// A lattice within a root square of 8, 16 or 32 intervals.
-fn lattices() -> impl Strategy<Value = Full> {
-    (3_u32..=5).prop_flat_map(|log| {
+/// A lattice within a root square of `2^log` intervals.
+fn lattices(logs: std::ops::RangeInclusive<u32>) -> impl Strategy<Value = Full> {
+    logs.prop_flat_map(|log| {
         let side = 1_u64 << log;
         let size = (side / 2) as usize..=side as usize + 1;
         (size.clone(), size, 0.0..1.0_f64).prop_flat_map(move |(columns, rows, valid)| {
@@ -55,7 +55,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
     #[test]
-    fn deviations_are_those_of_the_worst_point(full in lattices()) {
+    fn deviations_are_those_of_the_worst_point(full in lattices(3..=5)) {
         let occupancy = Occupancy::of(&full);
         let surfaces = Surfaces::new(&full, &occupancy);
         for q in 1..=full.side.trailing_zeros() {
@@ -75,28 +75,47 @@ proptest! {
     }
 
     #[test]
-    fn displacements_are_those_of_the_worst_point(full in lattices(), dy in 0.3..3.0_f64) {
-        let spacing = Spacing { dx: 1.0, dy };
-        let occupancy = Occupancy::of(&full);
-        let outline = Outline::uniform(&full, &occupancy, spacing);
-        let segments: Vec<_> = (0..full.side.pow(2)).flat_map(|i| outline.segments([i % full.side, i / full.side])).collect();
-        for q in 1..=full.side.trailing_zeros() {
-            let found = outline.displacements(q, q);
-            for (i, &displacement) in found.values.iter().enumerate() {
-                let (column, row) = ((i % found.columns) as u64, (i / found.columns) as u64);
-                let mut worst = 0.0_f64;
-                for (x, y) in points(q, column, row) {
-                    let shown = [surface(&full, 1, x, y).0, surface(&full, 1 << q, x, y).0];
-                    if (shown[0] > 0.5 && shown[1] < 0.5) || (shown[0] < 0.5 && shown[1] > 0.5) {
-                        let away = segments.iter().map(|[a, b]| super::outline::to_segment([x, y], *a, *b, spacing));
-                        worst = worst.max(away.fold(f64::INFINITY, f64::min));
-                    }
+    fn displacements_are_those_of_the_worst_point(full in lattices(3..=5), dy in 0.3..3.0_f64) {
+        displacements(&full, Ground::plane(1.0, dy))?;
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    #[test]
+    fn displacements_where_metres_depend_on_the_place(full in lattices(3..=4), dy in 0.3..3.0_f64, sheared: bool) {
+        // Steep latitudes, and a sheared raster.
+        let transform = if sheared { [3.0, 0.2, 0.15, 60.0, 0.1, -dy] } else { [0.0, 1.0, 0.0, 80.0, 0.0, -dy] };
+        displacements(&full, Ground::degrees(transform))?;
+    }
+}
+
+fn displacements(full: &Full, ground: Ground) -> Result<(), TestCaseError> {
+    let occupancy = Occupancy::of(full);
+    let outline = Outline::new(ground.clone(), full, &occupancy);
+    let segments: Vec<_> =
+        (0..full.side.pow(2)).flat_map(|i| outline.segments([i % full.side, i / full.side])).collect();
+    for q in 1..=full.side.trailing_zeros() {
+        let found = outline.displacements(q, q);
+        for (i, &displacement) in found.values.iter().enumerate() {
+            let (column, row) = ((i % found.columns) as u64, (i / found.columns) as u64);
+            let mut worst = 0.0_f64;
+            for (x, y) in points(q, column, row) {
+                let shown = [surface(full, 1, x, y).0, surface(full, 1 << q, x, y).0];
+                if (shown[0] > 0.5 && shown[1] < 0.5) || (shown[0] < 0.5 && shown[1] > 0.5) {
+                    let nearest = segments.iter().fold(f64::INFINITY, |best, segment| {
+                        ground.to_segment([x, y], *segment, best).unwrap_or(best)
+                    });
+                    worst = worst.max(nearest);
                 }
-                // The search looks at the edges of what is misdrawn too.
-                let step = 0.2501 * 1.0_f64.hypot(dy);
-                prop_assert!(displacement >= worst * (1.0 - 1e-9), "{q} {column},{row}: {displacement} {worst}");
-                prop_assert!(displacement <= worst + step, "{q} {column},{row}: {displacement} {worst}");
             }
+            // The search looks at the edges of what is misdrawn too.
+            let [dx, dy] = ground.longest_intervals(&[[0.0, 0.0], [full.side as f64; 2]]);
+            let step = 0.2501 * if ground.is_sheared() { dx + dy } else { dx.hypot(dy) };
+            prop_assert!(displacement >= worst * (1.0 - 1e-9), "{q} {column},{row}: {displacement} {worst}");
+            prop_assert!(displacement <= worst + step, "{q} {column},{row}: {displacement} {worst}");
         }
     }
+    Ok(())
 }

@@ -8,10 +8,11 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 
 use super::borders::{Border, Borders};
+use super::range::Hull;
 use super::report::{Check, Place};
 use super::statistics::Recount;
 use super::tables::{above, check_drawable, check_index, check_parent, check_table};
-use super::{VerifyOptions, Watch, tell};
+use super::{VerifyOptions, Watch, hints, tell, values};
 use crate::codec::table::ErrorTable;
 use crate::container::directory::{ChunkKind, TileEntry};
 use crate::container::layout::Header;
@@ -40,6 +41,8 @@ struct Inspected {
     /// Valid samples that no other tile counts, and the range of all of them in metres.
     valid: u64,
     range_m: Option<(f64, f64)>,
+    /// Of all its samples; `None` if they could not be decoded.
+    hull: Option<Hull>,
     chunks: Check,
     structure: Check,
 }
@@ -50,6 +53,8 @@ struct Node {
     table: Option<ErrorTable>,
     /// Patches with a valid sample in or below them.
     occupied: Vec<bool>,
+    /// Of its own samples, and of what the index says of its children.
+    hull: Option<Hull>,
 }
 
 /// Walks the file. Gives the checks in the order of the report.
@@ -149,6 +154,9 @@ impl<'a> Walk<'a> {
                 self.tables.by_tile.insert(entry.id, (entry, table.clone()));
             }
         }
+        if let Some(parent) = self.path.last_mut() {
+            parent.hull.iter_mut().for_each(|hull| hull.join_range(&entry));
+        }
         if let Some(parent) = self.path.last() {
             let (outer, inner) = ((parent.entry.min_m, parent.entry.max_m), (entry.min_m, entry.max_m));
             let holds = outer.0 <= inner.0 && outer.1 >= inner.1;
@@ -156,15 +164,15 @@ impl<'a> Walk<'a> {
             self.structure.demand(
                 holds,
                 place,
-                format_args!("one that holds {inner:?}"),
-                format_args!("{outer:?}"),
+                format_args!("one that holds {} to {}", inner.0, inner.1),
+                format_args!("{} to {}", outer.0, outer.1),
             );
         }
         let drawable = |table: &ErrorTable| table.drawable.clone();
         let occupied = if entry.is_leaf() { tile.table.as_ref().map(drawable) } else { None };
         let patches = self.reader.header().patches().pow(2) as usize;
         let occupied = occupied.unwrap_or_else(|| vec![false; patches]);
-        self.path.push(Node { entry, table: tile.table, occupied });
+        self.path.push(Node { entry, table: tile.table, occupied, hull: tile.hull });
         Ok(())
     }
 
@@ -173,6 +181,9 @@ impl<'a> Walk<'a> {
         let Some(node) = self.path.pop() else { return };
         if let Some(table) = &node.table {
             self.recount.add_errors(&node.entry, table, &node.occupied);
+        }
+        if let Some(hull) = node.hull {
+            hull.check(&node.entry, &mut self.structure);
         }
         let Some(parent) = self.path.last_mut() else { return };
         let side = self.reader.header().patches() as usize;
@@ -222,10 +233,14 @@ fn inspect(reader: &Reader, entry: TileEntry, keep: usize) -> Result<Inspected> 
     let mut structure = Check::new("tiles", "tiles", keep);
     structure.looked_at = 1;
     let place = Place::tile(entry.id);
-    let mut sound = true;
+    let (mut sound, mut heights) = (true, Vec::new());
     for kind in ChunkKind::ALL {
         chunks.looked_at += u64::from(entry.chunks.chunk(kind).1);
-        sound &= chunks.take(reader.raw_chunk(entry.id, kind), place.clone().part(kind.name()))?.is_some();
+        let chunk = chunks.take(reader.raw_chunk(entry.id, kind), place.clone().part(kind.name()))?;
+        sound &= chunk.is_some();
+        if kind == ChunkKind::Heights {
+            heights = chunk.unwrap_or_default();
+        }
     }
     let (mut table, mut lattice) = (None, None);
     if sound {
@@ -241,6 +256,8 @@ fn inspect(reader: &Reader, entry: TileEntry, keep: usize) -> Result<Inspected> 
     if let Some(lattice) = &lattice {
         (valid, range_m) = census(header, entry.id, lattice);
         check_lattice(header, &entry, lattice, range_m, &mut structure);
+        values::check(header, &entry, lattice, &mut structure);
+        hints::check_narrow(header, &entry, &heights, lattice, &mut structure)?;
         if let Some(table) = &table {
             check_drawable(header, &entry, lattice, table, &mut structure);
         }
@@ -248,8 +265,9 @@ fn inspect(reader: &Reader, entry: TileEntry, keep: usize) -> Result<Inspected> 
     if let Some(table) = &table {
         check_index(&entry, table, &mut structure);
     }
+    let hull = lattice.as_deref().map(|lattice| Hull::of_all(header, lattice));
     let border = lattice.map(|lattice| Border::of(&lattice));
-    Ok(Inspected { entry, table, border, valid, range_m, chunks, structure })
+    Ok(Inspected { entry, table, border, valid, range_m, hull, chunks, structure })
 }
 
 /// Valid samples that belong to this tile alone (shared ones belong to the tile that begins with them), and the range of all.
@@ -278,8 +296,12 @@ fn check_lattice(
     let place = || Place::tile(entry.id);
     let flags = (lattice.state.contains(&VALID), lattice.state.iter().any(|&state| state != VALID));
     let stored = (entry.has_valid, entry.has_void);
-    let flag_place = || place().part("flags (valid, void)");
-    check.demand(flags == stored, flag_place, format_args!("{flags:?}"), format_args!("{stored:?}"));
+    let flag_place = || place().part("flags");
+    let words = |(valid, void): (bool, bool)| {
+        let word = |is: bool| if is { "some" } else { "none" };
+        format!("{} valid, {} void", word(valid), word(void))
+    };
+    check.demand(flags == stored, flag_place, words(flags), words(stored));
     let exists = !entry.is_leaf() || flags.0;
     check.demand(exists, place, "a valid sample in a tile without children", "none");
     let spacing = u64::from(header.spacing(entry.id.level));
@@ -306,8 +328,6 @@ fn check_lattice(
         );
     }
     if let Some((low, high)) = range_m {
-        let finite = low.is_finite() && high.is_finite();
-        check.demand(finite, || place().part("heights"), "finite ones", format_args!("{low} to {high}"));
         let holds = f64::from(entry.min_m) <= low && f64::from(entry.max_m) >= high;
         let got = format_args!("{} to {}", entry.min_m, entry.max_m);
         check.demand(

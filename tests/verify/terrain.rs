@@ -59,6 +59,9 @@ fn info(width: u32, height: u32, sample_type: SampleType) -> SourceInfo {
         footprint: None,
         overlap: None,
         block_rows: 16,
+        reading: relevo::source::ReadMemory::default(),
+        warnings: Vec::new(),
+        origins: relevo::source::Origins::default(),
     }
 }
 
