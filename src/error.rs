@@ -1,10 +1,13 @@
 //! The one error type of the library, sorted by whose fault it is.
 //!
 //! A message says what is wrong, where (file and place in it), what was expected and what to do.
-//! Nothing here prints: the command line does, once.
+//! Names and texts of files are in it as [`printable`] has them: a message is one line, and does nothing to a terminal. Nothing here
+//! prints: the command line does, once.
 
 use std::io;
 use std::path::{Path, PathBuf};
+
+use crate::text::printable;
 
 /// `Result` with [`Error`].
 pub type Result<T, E = Error> = std::result::Result<T, E>;
@@ -14,7 +17,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused: a missing file, a full disk, no permission.
-    #[error("{}cannot {action}: {source}", prefix(.path))]
+    #[error("{}cannot {}: {source}", prefix(.path), printable(.action))]
     Io {
         /// The file in question.
         path: PathBuf,
@@ -24,7 +27,7 @@ pub enum Error {
         source: io::Error,
     },
     /// The file is damaged or is not what its name says.
-    #[error("{}{place}: expected {expected}, got {got}", prefix(.path))]
+    #[error("{}{}: expected {}, got {}", prefix(.path), printable(.place), printable(.expected), printable(.got))]
     Format {
         /// The file in question; empty while the bytes are not known to come from one.
         path: PathBuf,
@@ -36,7 +39,7 @@ pub enum Error {
         got: String,
     },
     /// The file is fine, this program cannot read it (or not as it was built).
-    #[error("{}{what}: {hint}", prefix(.path))]
+    #[error("{}{}: {}", prefix(.path), printable(.what), printable(.hint))]
     Unsupported {
         /// The file in question.
         path: PathBuf,
@@ -46,7 +49,7 @@ pub enum Error {
         hint: String,
     },
     /// A number is larger than this program accepts.
-    #[error("{}{what} is {got}, more than the limit of {max}", prefix(.path))]
+    #[error("{}{} is {got}, more than the limit of {max}", prefix(.path), printable(.what))]
     Limit {
         /// The file in question; empty if there is none.
         path: PathBuf,
@@ -58,7 +61,7 @@ pub enum Error {
         max: u64,
     },
     /// The request makes no sense: options that exclude one another, a level that is not there.
-    #[error("{what}")]
+    #[error("{}", printable(.what))]
     Usage {
         /// What is wrong with it and what to do.
         what: String,
@@ -99,6 +102,17 @@ impl Error {
         Self::Usage { what: what.into() }
     }
 
+    /// The message without the file.
+    pub fn reason(&self) -> String {
+        match self {
+            Self::Io { action, source, .. } => format!("cannot {action}: {source}"),
+            Self::Format { place, expected, got, .. } => format!("{place}: expected {expected}, got {got}"),
+            Self::Unsupported { what, hint, .. } => format!("{what}: {hint}"),
+            Self::Limit { what, got, max, .. } => format!("{what} is {got}, more than the limit of {max}"),
+            Self::Usage { .. } | Self::Interrupted => self.to_string(),
+        }
+    }
+
     /// The same error with the file it concerns, unless it names one already.
     #[must_use]
     pub fn at(mut self, file: &Path) -> Self {
@@ -119,5 +133,9 @@ impl Error {
 
 /// `path: `, or nothing for an empty path.
 fn prefix(path: &Path) -> String {
-    if path.as_os_str().is_empty() { String::new() } else { format!("{}: ", path.display()) }
+    if path.as_os_str().is_empty() {
+        String::new()
+    } else {
+        format!("{}: ", printable(&path.display().to_string()))
+    }
 }

@@ -1,7 +1,84 @@
-//! Reading and writing at an offset whatever the cursor is, so that threads share one open file.
+//! Opening what is a file, and reading and writing at an offset whatever the cursor is, so that threads share one open file.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io;
+use std::path::Path;
+
+/// Opens a file to read it at any place: not a pipe, which would have the program wait for whoever writes to it, nor a device, which
+/// may have no end.
+pub(crate) fn open(path: &Path) -> io::Result<File> {
+    let refuse = |found: &fs::Metadata| -> io::Result<()> {
+        if found.is_dir() {
+            return Err(io::ErrorKind::IsADirectory.into());
+        }
+        if found.is_file() {
+            return Ok(());
+        }
+        let what = "it is a pipe or a device, which cannot be read here and there; copy it to a file";
+        Err(io::Error::new(io::ErrorKind::InvalidInput, what))
+    };
+    // To open a pipe is to wait already.
+    refuse(&fs::metadata(path)?)?;
+    let file = File::open(path)?;
+    refuse(&file.metadata()?)?;
+    Ok(file)
+}
+
+/// Files that the process may have open at a time; `None` if the system has no such limit.
+#[cfg(unix)]
+pub(crate) fn most_open() -> Option<u64> {
+    rustix::process::getrlimit(rustix::process::Resource::Nofile).current
+}
+
+/// Files that the process may have open at a time: no such limit is known.
+#[cfg(not(unix))]
+pub(crate) fn most_open() -> Option<u64> {
+    None
+}
+
+/// What tells whether a file is still the one it was, as it was.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Identity {
+    entry: (u64, u64),
+    bytes: u64,
+    modified: Option<std::time::SystemTime>,
+}
+
+impl Identity {
+    /// That of the file of a name.
+    pub(crate) fn of(path: &Path) -> io::Result<Self> {
+        fs::metadata(path).map(|found| Self::new(&found))
+    }
+
+    /// That of an open file.
+    pub(crate) fn of_open(file: &File) -> io::Result<Self> {
+        file.metadata().map(|found| Self::new(&found))
+    }
+
+    #[cfg(unix)]
+    fn new(found: &fs::Metadata) -> Self {
+        use std::os::unix::fs::MetadataExt;
+        let entry = (found.dev(), found.ino());
+        Self { entry, bytes: found.len(), modified: found.modified().ok() }
+    }
+
+    /// Elsewhere an open file keeps its name.
+    #[cfg(not(unix))]
+    fn new(found: &fs::Metadata) -> Self {
+        Self { entry: (0, 0), bytes: found.len(), modified: found.modified().ok() }
+    }
+}
+
+/// All bytes of a file, which must not be more than `most`.
+pub(crate) fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    use io::Read;
+    let mut bytes = Vec::new();
+    open(path)?.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, format!("it has more than {most} bytes")));
+    }
+    Ok(bytes)
+}
 
 /// Fills `bytes` from `offset` on; [`io::ErrorKind::UnexpectedEof`] if the file ends before.
 #[cfg(unix)]

@@ -1,12 +1,12 @@
 //! The imagery layer: pictures become tiles (`crate::imagery`), tiles chunks (`codec::picture`), chunks the sections of a container.
 
 use std::ops::RangeInclusive;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use serde_json::json;
 
-use super::{Observer, Stage, memory, threads};
+use super::{Observer, Stage, memory, outcome, threads};
 use crate::codec::picture::{self, Codec};
 use crate::container::amend;
 use crate::container::imagery::ImageryHeader;
@@ -17,6 +17,7 @@ use crate::container::writer::{ImagerySections, ImageryWriter};
 use crate::error::{Error, Result};
 use crate::geo::{Crs, Geo};
 use crate::imagery::{self, GUTTER, PlacedPicture, PyramidReport, Resolution, TexelGrid, TileSink};
+use crate::output;
 use crate::source::picture::{KEPT, Memory, Picture};
 use crate::texel::{Colour, Texels};
 use crate::tile::TileId;
@@ -73,7 +74,7 @@ impl Imagery<'_> {
     /// Bytes of memory that making the layer takes on so many threads at most, from what is enough to what the pictures make use of.
     pub fn memory(&self, ground: &Ground<'_>, threads: usize) -> Result<RangeInclusive<u64>> {
         let grid = ground.grid(self.options.tile);
-        let Memory { reading, kept } =
+        let Memory { reading, kept, .. } =
             imagery::memory(self.pictures, ground.geo, &grid, self.options.resolution, threads)?;
         let least = memory::beside_heights(ground.tiles, threads).saturating_add(reading);
         Ok(least..=least.saturating_add(kept))
@@ -273,6 +274,8 @@ pub fn add(
     threads(jobs)?.install(|| {
         let reader = Reader::open(work.output())?;
         let opened = open(&reader.geo().crs)?;
+        let pictures: Vec<PathBuf> = opened.iter().flat_map(|picture| picture.files()).collect();
+        output::check_apart(work.output(), &pictures)?;
         let header = reader.header();
         let intervals = u64::from(header.tile()) << header.levels;
         let imagery = Imagery { pictures: &opened, options: *options };
@@ -286,7 +289,8 @@ pub fn add(
             observer.rows(Stage::Write, done, total);
             !observer.cancelled()
         };
-        let file_bytes = amend::put_imagery(&mut work, &layer.sections, &layer.note, &mut go_on)?;
+        let file_bytes =
+            amend::put_imagery(&mut work, &layer.sections, &layer.note, &outcome::inspect, &mut go_on)?;
         Ok(AddReport { layer: layer.report(), file_bytes, elapsed: start.elapsed() })
     })
 }

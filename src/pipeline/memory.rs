@@ -1,17 +1,21 @@
-//! How much memory a build takes at most, known before a sample is read.
+//! How much memory a build takes at most, known before a sample is read; and what other programs share with it.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 
+use crate::error::{Error, Result};
+use crate::pipeline::occupied::Occupied;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::reach::{Extent, Reach};
 use crate::pipeline::seam::AT_ONCE;
+use crate::source::{ReadMemory, SourceInfo};
 
 /// Bytes that the program takes before it has read a sample.
-const PROGRAM: u64 = 24 << 20;
+pub const PROGRAM: u64 = 24 << 20;
 /// Bytes that a thread takes whatever the size of tiles: its stack, its part of the allocator, buffers of the compression.
-const THREAD: u64 = 3 << 19;
+pub const THREAD: u64 = 3 << 19;
 /// Bytes for each sample of a tile that a thread works in.
-const THREAD_SAMPLE: u64 = 64;
+pub const THREAD_SAMPLE: u64 = 64;
 /// Bytes of the index for each tile of the file: its row, where it is found, and its share of a packed page.
 const INDEX: u64 = 128;
 /// Bytes for the parts of a tile beside what is in them.
@@ -57,6 +61,54 @@ pub fn beside_heights(tiles: u64, threads: usize) -> u64 {
     PROGRAM + threads as u64 * THREAD + tiles * INDEX
 }
 
+/// Fails if more bytes are `needed` than `limit`; `what` says what takes them, and what helps.
+pub fn within<T: Into<String>>(
+    limit: Option<u64>,
+    needed: u64,
+    what: impl FnOnce() -> (String, T),
+) -> Result<()> {
+    let Some(limit) = limit.filter(|&limit| needed > limit) else { return Ok(()) };
+    let ((what, help), mib) = (what(), needed.div_ceil(1 << 20));
+    let (help, allowed) = (help.into(), limit as f64 / f64::from(1 << 20));
+    Err(Error::usage(format!(
+        "memory: {what} takes about {mib} MiB, and {allowed:.1} MiB are allowed; allow more, or {help}"
+    )))
+}
+
+/// What reading a raster in bands takes that somebody else has cut into tiles.
+pub struct Bands {
+    reading: (ReadMemory, u32),
+    size: (u32, u32),
+    sample_bytes: u64,
+    /// Most samples of a band that are read one beside the other, and in how many runs.
+    pub columns: u64,
+    runs: u64,
+}
+
+impl Bands {
+    /// Of a source, read as far as tiles of so many samples hold any.
+    pub fn new(info: &SourceInfo, tile: u32) -> Self {
+        let along = |samples: u32| samples.div_ceil(tile).max(1);
+        let all = Extent { columns: 0..along(info.width), rows: 0..along(info.height) };
+        let (tiles, runs) = Occupied::new(info.footprint.as_deref(), tile, &all).fullest(&all.columns);
+        Self {
+            reading: (info.reading, info.block_rows),
+            size: (info.width, info.height),
+            sample_bytes: info.sample_type.bytes() as u64,
+            columns: (tiles * u64::from(tile) + 1).min(info.width.into()),
+            runs,
+        }
+    }
+
+    /// Bytes of memory that bands of so many columns and rows take at most.
+    pub fn memory(&self, (columns, rows): (u64, u64), threads: usize) -> u64 {
+        let (reading, block_rows) = self.reading;
+        let window = columns.saturating_mul(rows).saturating_mul(reading.sample.max(self.sample_bytes));
+        let blocks = reading.blocks((columns, self.runs), (rows, block_rows), self.size, threads as u64);
+        window.saturating_add(blocks)
+    }
+}
+
 impl Plan {
     /// Bytes of memory that a sweep over these columns of leaf tiles takes at most. It goes by the tiles of each level's fullest row: N of
     /// the leaves, A of all levels together, U of those above the leaves, M and V the most of one level among these.
@@ -67,31 +119,69 @@ impl Plan {
     /// - Quarters, each a fourth of both: a row that waits at every level, one more where a row is finished: `A + M`.
     /// - Errors of `16 (T / P)^2 (log2 P + 4 / 3)` bytes, for the quarters and four for each tile of the rows that are not finished: `A + M + 4 (U + V)`.
     /// - Finished tiles that wait to be written, as large as in the source, 2 M; the fills of a row are there before them.
-    /// - What reading a band takes, N times; the buffers of each thread; what a checkpoint encodes at a time; the index of the whole file; and the
-    ///   program itself.
+    /// - The samples of a band, and what reading it takes beside them ([`Plan::memory_of_reading`]); the buffers of each thread; what a
+    ///   checkpoint encodes at a time; the index of the whole file; and the program itself.
     ///
     /// It is for voids everywhere; terrain without them takes less. What is of no more use is kept for the next tile (`buffers`), so that
     /// the memory of one kind of these never becomes that of another. Imagery is made afterwards ([`super::imagery::Imagery::memory`]). What
     /// GDAL keeps while it warps is not in it.
     pub fn memory(&self, columns: &Range<u32>) -> u64 {
         let rows: Vec<u64> = (0..=self.levels).map(|up| self.occupied.widest(up, columns)).collect();
-        rows[0] * (Sizes::of(self).lattice + self.band_bytes) + self.memory_of_rows(&rows)
+        (rows[0] * Sizes::of(self).lattice)
+            .saturating_add(self.memory_of_rows(&rows))
+            .saturating_add(self.memory_of_reading(columns))
     }
 
-    /// Bytes of memory that joining strips takes at most: a sweep over the tiles that none of them has finished, and over the rims of those
+    /// Bytes of memory that reading bands of these columns of leaf tiles takes at most: samples, blocks that are kept from one band to the
+    /// next, and those that threads are decoding. Blocks are whole, however few of their columns are wanted, so that strips do not
+    /// help against wide ones.
+    pub fn memory_of_reading(&self, columns: &Range<u32>) -> u64 {
+        let (reading, block_rows) = self.reading;
+        let tile = self.tile as u64;
+        let (tiles, runs) = self.occupied.fullest(columns);
+        let samples = tiles.saturating_mul((tile + 1) * (tile + 1));
+        let window = samples.saturating_mul(reading.sample.max(self.sample_bytes));
+        let wide = (tiles * tile).min(self.width.into());
+        let size = (self.width, self.height);
+        window.saturating_add(reading.blocks((wide, runs), (tile + 1, block_rows), size, self.jobs as u64))
+    }
+
+    /// Fails if joining pieces of these windows takes more than `limit`.
+    pub fn check_merge(&self, windows: &[Extent], limit: Option<u64>) -> Result<()> {
+        let needed = self.memory_to_merge(windows);
+        within(limit, needed, || {
+            let (tile, jobs) = (self.tile, self.jobs);
+            let what =
+                format!("joining these pieces, of tiles of {tile} x {tile} samples on {jobs} threads,");
+            (what, "use fewer threads, or pieces with fewer tiles at their sides")
+        })
+    }
+
+    /// Bytes of memory that joining windows takes at most: a sweep over the tiles that none of them has finished, and over the rims of those
     /// beside them. The quarters of a row are read all at once, packed.
     pub fn memory_to_merge(&self, strips: &[Extent]) -> u64 {
         let all = Extent::of_level(self, self.levels).columns;
         let reaches: Vec<Reach> = strips.iter().map(|strip| Reach::new(self, strip)).collect();
         let unfinished = |up: u8| {
-            let finished = reaches.iter().map(|reach| reach.finished(self.levels - up).columns.clone());
-            let (mut tiles, mut from) = (2 * strips.len() as u64, 0);
-            for columns in finished.filter(|columns| !columns.is_empty()) {
-                tiles += self.occupied.widest(up, &(from << up..columns.start << up));
-                from = columns.end;
-            }
-            tiles += self.occupied.widest(up, &(from << up..all.end));
-            tiles.min(self.occupied.widest(up, &all))
+            let finished: Vec<&Extent> =
+                reaches.iter().map(|reach| reach.finished(self.levels - up)).collect();
+            let whole = self.occupied.widest(up, &all);
+            let of_row = |y: u32| {
+                let here = finished.iter().filter(|extent| extent.rows.contains(&y) && !extent.is_empty());
+                let mut columns: Vec<&Range<u32>> = here.map(|extent| &extent.columns).collect();
+                columns.sort_unstable_by_key(|columns| columns.start);
+                let (mut tiles, mut from) = (2 * columns.len() as u64, 0);
+                for columns in columns {
+                    tiles += self.occupied.widest(up, &(from << up..columns.start << up));
+                    from = columns.end;
+                }
+                tiles + self.occupied.widest(up, &(from << up..all.end))
+            };
+            // Rows that the same windows have finished have the same tiles left.
+            let rows = self.rows_of_tiles(self.levels - up);
+            let edges = finished.iter().flat_map(|extent| [extent.rows.start, extent.rows.end]);
+            let edges: BTreeSet<u32> = edges.chain([0]).filter(|&y| y < rows).collect();
+            edges.into_iter().map(of_row).max().unwrap_or(whole).min(whole)
         };
         let rows: Vec<u64> = (0..=self.levels).map(unfinished).collect();
         let most = rows.iter().copied().max().unwrap_or(0);

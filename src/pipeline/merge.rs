@@ -4,11 +4,14 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::container::metadata::{LevelNote, LevelStatistics, Metadata, SourceNote, Statistics};
+use crate::container::opening::OPENING_BYTES;
 use crate::container::work::{Earlier, WorkFolder};
 use crate::container::writer::ContainerWriter;
 use crate::error::{Error, Result};
+use crate::output;
 use crate::pipeline::buffers::Buffers;
 use crate::pipeline::imagery::{self, Imagery};
+use crate::pipeline::odd;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::reach::{Extent, Reach};
 use crate::pipeline::run::{Done, recipe};
@@ -16,30 +19,55 @@ use crate::pipeline::seam::{SeamFile, Seams};
 use crate::pipeline::state::State;
 use crate::pipeline::sweep::Sweep;
 use crate::pipeline::tally::Tally;
-use crate::pipeline::{BuildOptions, Observer, Report, Stage, plan};
+use crate::pipeline::{BuildOptions, Observer, Report, Stage, outcome, plan, refuse_odd, workers};
 use crate::source::{Part, SourceInfo};
 
 /// Bytes of metadata that the list of sources may take.
 const SOURCES_BYTES: usize = 20 << 10;
 
 /// Joins finished windows that cover the raster.
-pub fn merge(pieces: &[PathBuf], output: &Path, force: bool, observer: &dyn Observer) -> Result<Report> {
+pub fn merge(
+    pieces: &[PathBuf],
+    output: &Path,
+    (jobs, memory, force): (Option<usize>, Option<u64>, bool),
+    observer: &dyn Observer,
+) -> Result<Report> {
     let start = Instant::now();
+    output::check_apart(output, &files(pieces))?;
     let earlier = if force { Earlier::Discard } else { Earlier::Refuse };
-    join(pieces, || WorkFolder::take(output, force, earlier), None, observer, start)
+    let work = |plan: &Plan, windows: &[Extent]| {
+        let mut plan = plan.clone();
+        plan.jobs = workers(jobs);
+        plan.check_merge(windows, memory)?;
+        WorkFolder::take(output, force, earlier)
+    };
+    join(pieces, work, (None, false), observer, start)
+}
+
+/// Pieces and the files in them.
+fn files(pieces: &[PathBuf]) -> Vec<PathBuf> {
+    let entries = |piece: &PathBuf| {
+        let entries = std::fs::read_dir(piece).into_iter().flatten().flatten();
+        std::iter::once(piece.clone()).chain(entries.map(|entry| entry.path())).collect::<Vec<_>>()
+    };
+    pieces.iter().flat_map(entries).collect()
 }
 
 /// Joins pieces in a work folder, which is taken when the pieces have been found good.
 pub fn join(
     pieces: &[PathBuf],
-    work: impl FnOnce() -> Result<WorkFolder>,
-    imagery: Option<&Imagery<'_>>,
+    work: impl FnOnce(&Plan, &[Extent]) -> Result<WorkFolder>,
+    (imagery, strict): (Option<&Imagery<'_>>, bool),
     observer: &dyn Observer,
     start: Instant,
 ) -> Result<Report> {
     let mut seams = Seams::default();
     let mut states = Vec::with_capacity(pieces.len());
     for piece in pieces {
+        if piece.is_file() {
+            let hint = "pieces are the folders that a build of a window makes";
+            return Err(Error::unsupported("a file, not a piece", hint).at(piece));
+        }
         let state = State::read(piece, &mut seams)?;
         if state.next != state.window.rows.end {
             let got = format!("one that is done up to tile row {} of {}", state.next, state.window);
@@ -54,7 +82,8 @@ pub fn join(
     plan.recipe = recipe(&first.info, &first.options, first.largest)?;
     check_alike(pieces, &states)?;
     check_cover(&plan, pieces, &states)?;
-    let mut writer = ContainerWriter::begin(work()?)?;
+    let windows: Vec<Extent> = states.iter().map(|state| state.window.clone()).collect();
+    let mut writer = ContainerWriter::begin(work(&plan, &windows)?)?;
     let mut tally = Tally::new(&plan);
     for (piece, state) in pieces.iter().zip(&states) {
         writer.adopt(piece, &state.mark)?;
@@ -63,7 +92,7 @@ pub fn join(
         }
     }
     let done = pass_all(&plan, writer, tally, seams, observer)?;
-    assemble(done, &plan, (&first.info, &first.options), imagery, observer, start)
+    assemble(done, &plan, (&first.info, &first.options, strict), imagery, observer, start)
 }
 
 /// Sends what pieces have left through the levels.
@@ -98,7 +127,7 @@ fn check_alike(pieces: &[PathBuf], states: &[State]) -> Result<()> {
         let mut like_first = State { fingerprint: state.fingerprint.clone(), ..states[0].clone() };
         like_first.window = state.window.clone();
         like_first.check_same(state, piece)?;
-        if sizes(state) != sizes(&states[0]) || state.largest != states[0].largest {
+        if sizes(state) != sizes(&states[0]) || state.largest.to_bits() != states[0].largest.to_bits() {
             let what = format!("{} is not of the same input as {}", piece.display(), pieces[0].display());
             return Err(Error::usage(what));
         }
@@ -139,7 +168,7 @@ fn check_cover(plan: &Plan, pieces: &[PathBuf], states: &[State]) -> Result<()> 
 pub fn assemble(
     done: Done,
     plan: &Plan,
-    (info, options): (&SourceInfo, &BuildOptions),
+    (info, options, strict): (&SourceInfo, &BuildOptions, bool),
     imagery: Option<&Imagery<'_>>,
     observer: &dyn Observer,
     start: Instant,
@@ -150,7 +179,15 @@ pub fn assemble(
         return Err(all_void(info, plan));
     }
     let header = plan.header(info, writer.tile_count());
+    let [all, rest] = tally.values();
+    let mut warnings = info.warnings.clone();
+    warnings.extend(odd::warnings(all, rest, plan, info, &header));
+    if let Err(error) = refuse_odd(&warnings, strict) {
+        writer.work_mut().discard();
+        return Err(error);
+    }
     let statistics = tally.statistics(&header);
+    outcome::check_heights(info, &statistics)?;
     let mut metadata = metadata(info, plan, &statistics, options);
     let mut layer_report = None;
     if let Some(imagery) = imagery {
@@ -159,15 +196,25 @@ pub fn assemble(
         metadata.imagery = Some(layer.note);
         writer.attach(layer.sections);
     }
-    let file = writer.finish_while(&header, &metadata, &statistics, &mut |tiles, total| {
-        observer.rows(Stage::Write, tiles, total);
-        !observer.cancelled()
-    })?;
-    Ok(Report { header, statistics, file, imagery: layer_report, elapsed: start.elapsed() })
+    let file =
+        writer.finish_while(&header, &metadata, &statistics, &outcome::inspect, &mut |tiles, total| {
+            observer.rows(Stage::Write, tiles, total);
+            !observer.cancelled()
+        })?;
+    let origins = info.origins.texts();
+    Ok(Report {
+        header,
+        statistics,
+        file,
+        imagery: layer_report,
+        warnings,
+        origins,
+        elapsed: start.elapsed(),
+    })
 }
 
 fn all_void(info: &SourceInfo, plan: &Plan) -> Error {
-    let nodata = plan.recipe.nodata.map_or_else(|| "none".to_owned(), |v| v.to_string());
+    let nodata = plan.recipe.nodata.value().map_or_else(|| "none".to_owned(), |v| info.sample_type.text(v));
     Error::format(
         "elevation band",
         "at least one valid sample",
@@ -178,6 +225,17 @@ fn all_void(info: &SourceInfo, plan: &Plan) -> Error {
     )
 }
 
+/// Fails if what the raster says of itself leaves no room in the first bytes of a file, which hold all of it: better now than when all
+/// is built. Figures are not known yet, so that this is the least that there will be.
+pub fn check_metadata(plan: &Plan, info: &SourceInfo, options: &BuildOptions) -> Result<()> {
+    let least = metadata(info, plan, &Statistics::default(), options).encode()?.len() as u64;
+    if least > OPENING_BYTES {
+        let what = "bytes of what the raster says of itself (names, coordinate system, unit)";
+        return Err(Error::limit(what, least, OPENING_BYTES));
+    }
+    Ok(())
+}
+
 fn metadata(info: &SourceInfo, plan: &Plan, statistics: &Statistics, options: &BuildOptions) -> Metadata {
     let sources = source_notes(&info.parts);
     Metadata {
@@ -186,6 +244,7 @@ fn metadata(info: &SourceInfo, plan: &Plan, statistics: &Statistics, options: &B
         pixel_is_point: info.geo.pixel_is_point,
         bounds: info.geo.transform.map(|_| info.geo.bounds(info.width, info.height)),
         vertical_unit: info.vertical_unit.1.clone(),
+        origins: info.origins.texts(),
         more_sources: (info.parts.len() - sources.len()) as u64,
         sources,
         options: plan.options_json(options, info),

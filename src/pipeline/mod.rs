@@ -10,10 +10,13 @@ mod buffers;
 mod bytes;
 mod checkpoint;
 mod counts;
+pub mod estimate;
 pub mod imagery;
-mod memory;
+pub(crate) mod memory;
 mod merge;
 mod occupied;
+mod odd;
+mod outcome;
 pub mod plan;
 mod quarter;
 pub mod reach;
@@ -25,6 +28,7 @@ mod sweep;
 mod tally;
 mod work;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -34,6 +38,7 @@ use crate::container::layout::{Header, Metric};
 use crate::container::metadata::Statistics;
 use crate::container::writer::FileSummary;
 use crate::error::{Error, Result};
+use crate::output;
 use crate::source::Source;
 use imagery::{Imagery, LayerReport};
 use reach::Extent;
@@ -54,6 +59,9 @@ pub struct BuildOptions {
     pub precision_m: Option<f64>,
     /// Value that means void, instead of what the source says.
     pub nodata: Option<f64>,
+    /// True if what is warned of is an error: then nothing is built.
+    #[serde(skip)]
+    pub strict: bool,
     /// Threads; `None`: one for each core.
     #[serde(skip)]
     pub jobs: Option<usize>,
@@ -79,6 +87,7 @@ impl Default for BuildOptions {
             metric: Metric::Bound,
             precision_m: None,
             nodata: None,
+            strict: false,
             jobs: None,
             force: false,
             resume: false,
@@ -88,21 +97,25 @@ impl Default for BuildOptions {
     }
 }
 
+/// Threads that may share a core, where there are more than [`LEAST_MOST`].
+const THREADS_A_CORE: usize = 4;
+/// Threads that may be asked for on any machine.
+const LEAST_MOST: usize = 16;
+
 /// Time between two checkpoints unless told otherwise: what is lost at most when a build is killed.
 pub const CHECKPOINT: Duration = Duration::from_secs(4);
 
 impl BuildOptions {
     /// The first thing that would make another file.
     fn difference(&self, other: &Self) -> Option<String> {
-        let differ = |name: &str, a: &dyn std::fmt::Debug, b: &dyn std::fmt::Debug| {
-            let (a, b) = (format!("{a:?}"), format!("{b:?}"));
-            (a != b).then(|| format!("{name} was {a}, now it is {b}"))
-        };
-        differ("--tile", &self.tile, &other.tile)
-            .or_else(|| differ("--patch", &self.patch, &other.patch))
-            .or_else(|| differ("--metric", &self.metric, &other.metric))
-            .or_else(|| differ("--precision", &self.precision_m, &other.precision_m))
-            .or_else(|| differ("--nodata", &self.nodata, &other.nodata))
+        let differ =
+            |name: &str, a: String, b: String| (a != b).then(|| format!("{name} was {a}, now it is {b}"));
+        let number = |value: Option<f64>| value.map_or("not given".to_owned(), |value| value.to_string());
+        differ("--tile", self.tile.to_string(), other.tile.to_string())
+            .or_else(|| differ("--patch", self.patch.to_string(), other.patch.to_string()))
+            .or_else(|| differ("--metric", self.metric.as_str().to_owned(), other.metric.as_str().to_owned()))
+            .or_else(|| differ("--precision", number(self.precision_m), number(other.precision_m)))
+            .or_else(|| differ("--nodata", number(self.nodata), number(other.nodata)))
     }
 }
 
@@ -150,6 +163,10 @@ pub struct Report {
     pub file: FileSummary,
     /// The imagery layer, if there is one.
     pub imagery: Option<LayerReport>,
+    /// What the source warns of, then what the heights look like.
+    pub warnings: Vec<String>,
+    /// Where place, coordinate system, nodata and the like were found, as in the container's metadata.
+    pub origins: BTreeMap<String, String>,
     /// Wall time.
     pub elapsed: Duration,
 }
@@ -178,11 +195,13 @@ pub fn build_with(
     let start = Instant::now();
     threads(options.jobs)?.install(|| {
         let mut plan = plan(source.info(), options)?;
+        refuse_odd(&source.info().warnings, options.strict)?;
         if let Some(imagery) = imagery {
             // What is wrong with the pictures is to be known before the heights are built.
             imagery.check(&plan.ground())?;
             imagery.keep_within(&plan.ground(), plan.jobs, options.memory)?;
         }
+        check_output(output, source, imagery)?;
         let window = Extent::of_level(&plan, plan.levels);
         let strips = plan.strips(options.memory)?;
         let begun = Begun::new(source, output, options, observer, &mut plan, window, None)?;
@@ -193,7 +212,7 @@ pub fn build_with(
             return strips::build((source, imagery), begun, strips, options, observer, &plan, start);
         }
         let done = begun.run(source, options, observer, &plan)?;
-        merge::assemble(done, &plan, (source.info(), options), imagery, observer, start)
+        merge::assemble(done, &plan, (source.info(), options, options.strict), imagery, observer, start)
     })
 }
 
@@ -210,10 +229,12 @@ pub fn build_window(
 ) -> Result<()> {
     threads(options.jobs)?.install(|| {
         let mut plan = plan(source.info(), options)?;
+        refuse_odd(&source.info().warnings, options.strict)?;
         let all = Extent::of_level(&plan, plan.levels);
         if window.is_empty() || !all.covers(window) {
             return Err(Error::usage(format!("--window {window}: expected tiles of the leaf level, {all}")));
         }
+        check_output(output, source, None)?;
         let begun = Begun::new(source, output, options, observer, &mut plan, window.clone(), None)?;
         begun.run(source, options, observer, &plan)?.into_piece()
     })
@@ -227,12 +248,52 @@ pub fn merge(
     force: bool,
     observer: &dyn Observer,
 ) -> Result<Report> {
-    threads(jobs)?.install(|| merge::merge(pieces, output, force, observer))
+    merge_within(None, pieces, output, jobs, force, observer)
+}
+
+/// [`merge()`] within `memory` bytes.
+///
+/// # Errors
+/// As there, and [`Error::Usage`] before anything is written if that is not enough.
+pub fn merge_within(
+    memory: Option<u64>,
+    pieces: &[PathBuf],
+    output: &Path,
+    jobs: Option<usize>,
+    force: bool,
+    observer: &dyn Observer,
+) -> Result<Report> {
+    threads(jobs)?.install(|| merge::merge(pieces, output, (jobs, memory, force), observer))
+}
+
+/// Fails if the output is one of the files that it is made of.
+fn check_output(output: &Path, source: &dyn Source, imagery: Option<&Imagery<'_>>) -> Result<()> {
+    let mut files = source.files();
+    files.extend(imagery.iter().flat_map(|imagery| imagery.pictures).flat_map(|picture| picture.files()));
+    output::check_apart(output, &files)
+}
+
+/// Fails if there are warnings and they are to be errors.
+fn refuse_odd(warnings: &[String], strict: bool) -> Result<()> {
+    match warnings {
+        [first, rest @ ..] if strict => {
+            let more = if rest.is_empty() { String::new() } else { format!(" (and {} more)", rest.len()) };
+            Err(Error::usage(format!("{first}{more}; nothing is built, as warnings are to be errors")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Threads that work, of so many asked for: far more than there are cores only wait for one another.
+pub fn workers(jobs: Option<usize>) -> usize {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    jobs.unwrap_or(cores).clamp(1, (THREADS_A_CORE * cores).max(LEAST_MOST))
 }
 
 fn threads(jobs: Option<usize>) -> Result<rayon::ThreadPool> {
+    let count = workers(jobs);
     rayon::ThreadPoolBuilder::new()
-        .num_threads(jobs.unwrap_or(0))
+        .num_threads(count)
         .build()
-        .map_err(|e| Error::usage(format!("cannot start {jobs:?} threads: {e}")))
+        .map_err(|e| Error::usage(format!("cannot start {count} threads: {e}")))
 }

@@ -50,6 +50,15 @@ impl Occupied {
     /// Rows of tiles in groups with the same columns, `levels_up` levels above the leaves, within `columns` of leaf tiles: how many rows, how
     /// many tiles each. Rows without tiles are left out.
     fn groups(&self, levels_up: u8, columns: &Range<u32>) -> Vec<(u64, u64)> {
+        let mut groups = Vec::new();
+        self.each_group(levels_up, columns, |rows, runs| {
+            groups.push((rows, runs.iter().map(|run| run.len() as u64).sum()));
+        });
+        groups
+    }
+
+    /// Tells of each such group how many rows it has, and the runs of its tiles.
+    fn each_group(&self, levels_up: u8, columns: &Range<u32>, mut tell: impl FnMut(u64, &[Range<u32>])) {
         let up = |range: &Range<u32>| range.start >> levels_up..((range.end - 1) >> levels_up) + 1;
         let rects: Vec<Extent> = self
             .rects
@@ -62,7 +71,7 @@ impl Occupied {
         edges.sort_unstable();
         edges.dedup();
         // Rectangles stay sorted by their first row: those that may still be active are a window of them.
-        let (mut from, mut groups) = (0, Vec::new());
+        let mut from = 0;
         for pair in edges.windows(2) {
             let (y, rows) = (pair[0], u64::from(pair[1] - pair[0]));
             while rects.get(from).is_some_and(|rect| rect.rows.end <= y) {
@@ -70,17 +79,26 @@ impl Occupied {
             }
             let here = rects[from..].iter().take_while(|rect| rect.rows.start <= y);
             let here = here.filter(|rect| rect.rows.contains(&y)).map(|rect| &rect.columns);
-            let tiles: u64 = union(here, &(0..u32::MAX)).iter().map(|run| run.len() as u64).sum();
-            if tiles > 0 {
-                groups.push((rows, tiles));
+            let runs = union(here, &(0..u32::MAX));
+            if !runs.is_empty() {
+                tell(rows, &runs);
             }
         }
-        groups
     }
 
     /// Most tiles in one row, `levels_up` levels above the leaves, within `columns` of leaf tiles.
     pub fn widest(&self, levels_up: u8, columns: &Range<u32>) -> u64 {
         self.groups(levels_up, columns).iter().map(|(_, tiles)| *tiles).max().unwrap_or(0)
+    }
+
+    /// Most leaf tiles in one row within `columns`, and most runs of them in one.
+    pub fn fullest(&self, columns: &Range<u32>) -> (u64, u64) {
+        let mut most = (0, 0);
+        self.each_group(0, columns, |_, runs| {
+            let tiles = runs.iter().map(|run| run.len() as u64).sum();
+            most = (most.0.max(tiles), most.1.max(runs.len() as u64));
+        });
+        most
     }
 
     /// Tiles, `levels_up` levels above the leaves.

@@ -2,17 +2,18 @@
 
 use serde_json::{Value, json};
 
-use crate::container::layout::{Header, Metric, leaf_level};
+use crate::container::layout::{Header, Metric, VERSION, leaf_level};
 use crate::error::{Error, Result};
 use crate::geo::Geo;
 use crate::limits::Limits;
 use crate::patch::TileGeometry;
-use crate::pipeline::BuildOptions;
 use crate::pipeline::imagery::Ground;
 use crate::pipeline::occupied::Occupied;
+use crate::pipeline::outcome;
 use crate::pipeline::reach::Extent;
-use crate::sample::{Coding, SampleType};
-use crate::source::SourceInfo;
+use crate::pipeline::{BuildOptions, merge, workers};
+use crate::sample::Coding;
+use crate::source::{Nodata, ReadMemory, SourceInfo};
 use crate::tile::TileId;
 use crate::tile::code::Recipe;
 
@@ -43,13 +44,12 @@ pub struct Plan {
     pub occupied: Occupied,
     /// Bytes of a sample of the source.
     pub sample_bytes: u64,
-    /// Threads asked for.
+    /// Threads that work.
     pub jobs: usize,
-    /// Bytes that reading a band takes for each leaf tile: raw samples, of a mosaic also those of its files and a mask, and a row of the
-    /// blocks that they are decoded from.
-    pub band_bytes: u64,
-    signed_metres: f64,
-    band_offset_m: f64,
+    /// Memory that reading the source takes, and the height of its blocks.
+    pub reading: (ReadMemory, u32),
+    /// Scale, offset, and metres of the vertical unit.
+    band: (f64, f64, f64),
 }
 
 /// Makes the plan of a build, or says what is wrong with its options.
@@ -73,15 +73,16 @@ pub fn plan(info: &SourceInfo, options: &BuildOptions) -> Result<Plan> {
             return Err(Error::limit(what, u64::from(got), side));
         }
     }
+    outcome::check_input(info)?;
     let mut recipe = Recipe::lossless(info);
-    recipe.nodata = options.nodata.or(info.nodata);
+    recipe.nodata = Nodata::new(options.nodata.or(info.nodata), info.sample_type);
     let metres_of_value = info.band_scale.abs() * info.vertical_unit.0;
     let levels = leaf_level(info.width, info.height, options.tile);
     let all = Extent {
         columns: 0..tiles_along(info.width, options.tile.into(), 1 << levels),
         rows: 0..tiles_along(info.height, options.tile.into(), 1 << levels),
     };
-    Ok(Plan {
+    let plan = Plan {
         width: info.width,
         height: info.height,
         tile: options.tile as usize,
@@ -93,29 +94,19 @@ pub fn plan(info: &SourceInfo, options: &BuildOptions) -> Result<Plan> {
         quantisation_error_m: options.precision_m.map_or(0.0, |p| p / 2.0),
         metres_of_value,
         geo: info.geo.clone(),
-        jobs: options.jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        jobs: workers(options.jobs),
         sample_bytes: info.sample_type.bytes() as u64,
-        band_bytes: band_bytes(info, options.tile.into()),
-        signed_metres: info.band_scale * info.vertical_unit.0,
-        band_offset_m: info.band_offset * info.vertical_unit.0,
-    })
+        reading: (info.reading, info.block_rows),
+        band: (info.band_scale, info.band_offset, info.vertical_unit.0),
+    };
+    merge::check_metadata(&plan, info, options)?;
+    Ok(plan)
 }
 
 /// Tiles along an axis of so many samples. A tile is closed: one more that starts exactly at the last sample exists too, inside the root
 /// square, which is `most` tiles wide.
 fn tiles_along(samples: u32, span: u64, most: u32) -> u32 {
     ((u64::from(samples) - 1) / span + 1).min(most.into()) as u32
-}
-
-/// See [`Plan::band_bytes`].
-fn band_bytes(info: &SourceInfo, tile: u64) -> u64 {
-    let (samples, bytes) = ((tile + 1) * (tile + 1), info.sample_type.bytes() as u64);
-    let blocks = tile * u64::from(info.block_rows.min(info.height)) * bytes;
-    if info.parts.len() > 1 {
-        // Where files meet, blocks of those above are kept beside those below, which are being decoded.
-        return samples * (2 * bytes + 1) + 3 * blocks;
-    }
-    samples * bytes + blocks
 }
 
 fn check_power(option: &str, value: u32, low: u32, high: u32) -> Result<()> {
@@ -164,20 +155,23 @@ impl Plan {
         let mut spacing = self.geo.spacing(range(id.x, self.width), range(id.y, self.height));
         spacing.dx *= step as f64;
         spacing.dy *= step as f64;
-        let scale = if let Coding::Integer { scale, .. } = self.recipe.coding { scale.abs() } else { 1.0 };
+        let first = |tile: u32| u64::from(tile) * span;
+        let metres = if let Coding::Integer { scale, .. } = self.recipe.coding { scale.abs() } else { 1.0 };
         TileGeometry {
             n: self.tile,
             patch: self.patch,
             odd: (id.x + id.y) % 2 == 1,
             spacing,
+            scale: self.geo.scale((first(id.x), first(id.y)), step),
             // One part in 10^12 covers the rounding of this product and of those with it.
-            metres: scale * self.metres_of_value * (1.0 + 1e-12),
+            metres: metres * self.metres_of_value * (1.0 + 1e-12),
         }
     }
 
-    /// Height in metres of a value.
+    /// Height in metres of a value, to the last bit what a reader makes of it.
     pub fn metres_of(&self, value: f64) -> f64 {
-        self.signed_metres * value + self.band_offset_m
+        let (scale, offset, unit) = self.band;
+        (offset + scale * value) * unit
     }
 
     /// True if decoded heights differ from the source's.
@@ -190,6 +184,7 @@ impl Plan {
         let quantisation_error =
             if self.quantised() { self.quantisation_error_m / self.metres_of_value } else { 0.0 };
         Header {
+            version: VERSION,
             width: self.width,
             height: self.height,
             tile_log2: self.tile.trailing_zeros() as u8,
@@ -202,7 +197,7 @@ impl Plan {
             band_offset: info.band_offset,
             unit_metres: info.vertical_unit.0,
             quantisation_error,
-            nodata: self.recipe.nodata,
+            nodata: self.recipe.nodata.value(),
             transform: info.geo.transform,
             tile_count,
         }
@@ -215,7 +210,7 @@ impl Plan {
             "patch": self.patch,
             "metric": self.metric,
             "precision_m": options.precision_m,
-            "nodata": self.recipe.nodata.filter(|v| v.is_finite()),
+            "nodata": self.recipe.nodata.value().filter(|v| v.is_finite()),
         });
         if let Some(overlap) = info.overlap {
             json["overlap"] = json!(overlap);
@@ -226,22 +221,5 @@ impl Plan {
     /// Bytes of memory that the build takes at most.
     pub fn memory_estimate(&self, options: &BuildOptions) -> Result<u64> {
         Ok(self.memory_in_strips(&self.strips(options.memory)?))
-    }
-
-    /// Bytes that the finished file will have, roughly: from a bits-per-sample figure of real terrain (4.5 for 16-bit integers, 16 for
-    /// lossless float32). The work folder needs as much again until the rename.
-    pub fn disk_estimate(&self, sample_type: SampleType) -> u64 {
-        let bits = match (sample_type, self.quantised()) {
-            (SampleType::Int8 | SampleType::Uint8, _) => 3.0,
-            (SampleType::Int16 | SampleType::Uint16, _) => 4.5,
-            (SampleType::Int32 | SampleType::Uint32, _) | (_, true) => 8.0,
-            (SampleType::Float32, _) => 16.0,
-            (SampleType::Float64, _) => 45.0,
-        };
-        let tiles = self.most_tiles();
-        let leaves = tiles.last().map_or(0.0, |&leaves| leaves as f64);
-        let samples =
-            (leaves * (self.tile * self.tile) as f64).min(f64::from(self.width) * f64::from(self.height));
-        (samples * bits / 8.0) as u64 + tiles.iter().sum::<u64>() * 300 + 4096
     }
 }

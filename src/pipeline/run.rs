@@ -22,7 +22,7 @@ use crate::pipeline::sweep::{Slot, Sweep, TileRow};
 use crate::pipeline::tally::Tally;
 use crate::pipeline::work::Work;
 use crate::pipeline::{BuildOptions, CHECKPOINT, Observer, Stage};
-use crate::source::{Source, SourceInfo};
+use crate::source::{Nodata, Source, SourceInfo};
 use crate::tile::code::{Recipe, max_magnitude};
 use crate::tile::{fill, split};
 
@@ -145,7 +145,7 @@ impl Begun {
 /// The largest height, which quantising needs first: one more pass over the source.
 fn largest(source: &dyn Source, options: &BuildOptions, observer: &dyn Observer, plan: &Plan) -> Result<f64> {
     let info = source.info();
-    let nodata = options.nodata.or(info.nodata);
+    let nodata = Nodata::new(options.nodata.or(info.nodata), info.sample_type);
     let mut largest = 0.0_f64;
     if options.precision_m.is_none() {
         return Ok(largest);
@@ -321,7 +321,7 @@ impl Bands<'_> {
 
 impl Plan {
     /// Samples along one axis, of which there are `most`, of some leaf tiles, the shared ones at both ends included.
-    fn samples_of(&self, tiles: &Range<u32>, most: u32) -> Range<u32> {
+    pub(super) fn samples_of(&self, tiles: &Range<u32>, most: u32) -> Range<u32> {
         let size = self.tile as u64;
         let end = (u64::from(tiles.end) * size + 1).min(u64::from(most));
         tiles.start * self.tile as u32..end as u32

@@ -129,7 +129,7 @@ pub struct Seams {
 impl Seams {
     /// Finds the items between two offsets of a file.
     pub fn add(&mut self, path: &Path, from: u64, to: u64) -> Result<()> {
-        let mut file = File::open(path).map_err(|source| Error::io(path, "open", source))?;
+        let mut file = crate::file::open(path).map_err(|source| Error::io(path, "open", source))?;
         let number = self.files.len();
         let mut offset = from;
         while offset < to {

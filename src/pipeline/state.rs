@@ -1,15 +1,17 @@
 //! The state of a build in its work folder: all that is needed to go on, or to merge a finished window.
 //!
 //! The chunks, the list of tiles and the seam file lie beside it; the state says how far they count. It is a head of 20 bytes (magic,
-//! version, length and CRC of what follows; little endian), JSON, and the items that stood in the sweep (see `seam`).
+//! version, length and CRC of what follows; little endian), CBOR (RFC 8949), and the items that stood in the sweep (see `seam`).
+//!
+//! JSON would not do: it has no NaN and no infinity, which a nodata value may be, and a state that loses one is of another build.
 
-use std::fs;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use crate::container::writer::Mark;
 use crate::error::{Error, Result};
+use crate::file;
 use crate::pipeline::BuildOptions;
 use crate::pipeline::reach::Extent;
 use crate::pipeline::seam::Seams;
@@ -18,8 +20,10 @@ use crate::source::{Fingerprint, SourceInfo};
 
 const MAGIC: &[u8; 8] = b"RLVSTATE";
 /// Goes up with every change to the state, the seam items, the list of tiles, or the chunks.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 const HEAD: usize = 20;
+/// Bytes of a state, at most: rows of the widest raster stand in it.
+const MOST: u64 = 1 << 36;
 /// Name of the state in its folder.
 pub const NAME: &str = "state";
 
@@ -53,21 +57,22 @@ pub struct State {
 impl State {
     /// The state file up to what stood in the sweep.
     pub fn encode(&self) -> Result<Vec<u8>> {
-        let json = serde_json::to_vec(self)
-            .map_err(|error| Error::usage(format!("the state of the build cannot be written: {error}")))?;
-        let mut out = Vec::with_capacity(HEAD + json.len());
+        let body = exactly(self)?;
+        let length = u32::try_from(body.len())
+            .map_err(|_| Error::limit("bytes of the state of a build", body.len() as u64, u32::MAX.into()))?;
+        let mut out = Vec::with_capacity(HEAD + body.len());
         out.extend_from_slice(MAGIC);
-        for word in [VERSION, json.len() as u32, crc32fast::hash(&json)] {
+        for word in [VERSION, length, crc32fast::hash(&body)] {
             out.extend_from_slice(&word.to_le_bytes());
         }
-        out.extend_from_slice(&json);
+        out.extend_from_slice(&body);
         Ok(out)
     }
 
     /// Reads the state of a folder, and finds what it and the seam file hold.
     pub fn read(folder: &Path, seams: &mut Seams) -> Result<Self> {
         let path = folder.join(NAME);
-        let bytes = fs::read(&path).map_err(|source| Error::io(&path, "read it", source))?;
+        let bytes = file::read(&path, MOST).map_err(|source| Error::io(&path, "read it", source))?;
         let (state, items) = Self::decode(&bytes).map_err(|error| error.at(&path))?;
         seams.add(&path, items as u64, bytes.len() as u64)?;
         if state.seam.1 > 0 {
@@ -89,15 +94,15 @@ impl State {
             return Err(Error::format("version of the state", expected, word(8)));
         }
         let end = HEAD + word(12) as usize;
-        let json = bytes.get(HEAD..end).filter(|json| crc32fast::hash(json) == word(16));
-        let Some(json) = json else {
+        let body = bytes.get(HEAD..end).filter(|body| crc32fast::hash(body) == word(16));
+        let Some(body) = body else {
             return Err(Error::format(
                 "state",
                 "the bytes that were written",
                 "damaged ones; begin anew with --force",
             ));
         };
-        let state = serde_json::from_slice(json)
+        let state = ciborium::from_reader(body)
             .map_err(|error| Error::format("state", "what this program writes", error))?;
         Ok((state, end))
     }
@@ -106,14 +111,15 @@ impl State {
     pub fn check_same(&self, now: &State, folder: &Path) -> Result<()> {
         let differs = if self.fingerprint != now.fingerprint {
             Some(format!("the input has changed since: {}", difference(&self.fingerprint, &now.fingerprint)))
-        } else if self.info != now.info {
+        } else if let Some(what) = self.options.difference(&now.options) {
+            // Before what the input says: some options are about that.
+            Some(format!("the options have changed since: {what}"))
+        } else if exactly(&self.info)? != exactly(&now.info)? {
             Some("the input says other things of itself than it did".to_owned())
         } else if self.window != now.window {
             Some(format!("the window was {}, now it is {}", self.window, now.window))
         } else {
-            self.options
-                .difference(&now.options)
-                .map(|what| format!("the options have changed since: {what}"))
+            None
         };
         let Some(differs) = differs.or_else(|| {
             (self.tool != now.tool).then(|| format!("{} began it, and this is {}", self.tool, now.tool))
@@ -127,6 +133,14 @@ impl State {
     }
 }
 
+/// A value as bytes from which it comes back bit for bit. They are equal where values are, a NaN to itself too.
+fn exactly(value: &impl Serialize) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    ciborium::into_writer(value, &mut bytes)
+        .map_err(|error| Error::usage(format!("the state of the build cannot be written: {error}")))?;
+    Ok(bytes)
+}
+
 /// The first file that is not as it was.
 pub fn difference(before: &Fingerprint, now: &Fingerprint) -> String {
     let changed = before.files.iter().zip(&now.files).find(|(a, b)| a != b);
@@ -137,3 +151,6 @@ pub fn difference(before: &Fingerprint, now: &Fingerprint) -> String {
         None => format!("it was {} files, now {}", before.files.len(), now.files.len()),
     }
 }
+
+#[cfg(test)]
+mod tests;

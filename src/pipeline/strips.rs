@@ -47,8 +47,16 @@ pub fn build(
         let largest = Some(state.largest);
         let begun = Begun::new(source, piece, &options, &observer, &mut plan, strip.clone(), largest)?;
         begun.run(source, &options, &observer, &plan)?.into_piece()?;
+        // The next strip decodes again what it shares with this one: to keep it for that would be to have it twice.
+        source.release();
     }
-    merge::join(&pieces, || Ok(work), imagery, observer, start)
+    merge::join(&pieces, |_, _| Ok(work), (imagery, options.strict), observer, start)
+}
+
+/// Numbers of strips that are tried: all up to 32, then each a little more, up to one for every column of tiles.
+fn counts(columns: u64) -> impl Iterator<Item = u64> {
+    let next = move |&count: &u64| (count < columns).then(|| (count + 1 + count / 32).min(columns));
+    std::iter::successors((columns >= 2).then_some(2), next)
 }
 
 /// Tells of the strips as of one build.
@@ -79,36 +87,46 @@ impl Plan {
         let Some(limit) = limit.filter(|&limit| self.memory(&all.columns) > limit) else {
             return Ok(vec![all]);
         };
-        let most = |strips: &[Range<u32>]| strips.iter().map(|strip| self.memory_beside(strip)).max();
-        let strips = |count: u64| -> Vec<Range<u32>> {
-            let column = |i: u64| (columns * i / count) as u32;
-            (0..count).map(|i| column(i)..column(i + 1)).collect()
-        };
-        let narrowest = most(&strips(columns)).unwrap_or(0);
-        if narrowest > limit {
-            return Err(Error::usage(format!(
-                "--memory: a strip of tiles of {} x {} takes about {} MiB on {} threads; allow more, or use smaller tiles or \
-                 fewer threads",
-                self.tile,
-                self.tile,
-                narrowest.div_ceil(1 << 20),
-                self.jobs
-            )));
+        let narrowest = self.cut(columns).iter().map(|strip| self.memory_beside(&strip.columns)).max();
+        if let Some(narrowest) = narrowest.filter(|&narrowest| narrowest > limit) {
+            return Err(self.too_narrow(narrowest));
         }
-        let fitting = (2..=columns).map(strips).find(|strips| most(strips) <= Some(limit));
-        let strips = fitting.unwrap_or_default();
-        let strips: Vec<_> =
-            strips.into_iter().map(|columns| Extent { columns, rows: all.rows.clone() }).collect();
-        let joined = self.memory_to_merge(&strips);
-        if joined > limit {
-            return Err(Error::usage(format!(
-                "--memory: to join the strips of {} tiles that fit takes about {} MiB on {} threads; allow more, or use smaller tiles",
-                strips[0].columns.len(),
-                joined.div_ceil(1 << 20),
-                self.jobs
-            )));
+        let fitting = counts(columns).map(|count| self.cut(count));
+        fitting.into_iter().find(|strips| self.memory_in_strips(strips) <= limit).ok_or_else(|| {
+            self.too_little("it is joining the strips that takes it; allow that, or use smaller tiles")
+        })
+    }
+
+    /// As many strips, about equally wide.
+    fn cut(&self, count: u64) -> Vec<Extent> {
+        let all = Extent::of_level(self, self.levels);
+        let column = |i: u64| (u64::from(all.columns.end) * i / count) as u32;
+        let strip = |i| Extent { columns: column(i)..column(i + 1), rows: all.rows.clone() };
+        (0..count).map(strip).collect()
+    }
+
+    /// Says the least memory that is enough at this width: narrow strips take little, but many of them are more to join.
+    fn too_little(&self, why: &str) -> Error {
+        let columns = u64::from(Extent::of_level(self, self.levels).columns.end);
+        let of_strips = counts(columns).map(|count| self.memory_in_strips(&self.cut(count)));
+        let least = of_strips.chain([self.memory_in_strips(&[])]).min().unwrap_or(0).div_ceil(1 << 20);
+        let (width, side, jobs) = (self.width, self.tile, self.jobs);
+        Error::usage(format!(
+            "--memory: a raster {width} samples wide takes {least} MiB at least, with tiles of {side} x {side} on {jobs} threads; {why}"
+        ))
+    }
+
+    /// Not even a strip of one tile is within the limit.
+    fn too_narrow(&self, narrowest: u64) -> Error {
+        let reading = self.memory_of_reading(&(0..2 * HALO + 1));
+        if reading <= narrowest / 2 {
+            return self.too_little("allow that, or use smaller tiles or fewer threads");
         }
-        Ok(strips)
+        self.too_little(&format!(
+            "{} MiB of it to decode the blocks of the input, which are read whole; allow that, use fewer threads, or cut it \
+             into smaller blocks (gdal_translate -co TILED=YES)",
+            reading.div_ceil(1 << 20)
+        ))
     }
 
     /// [`Plan::memory`] of a strip, with the columns beside it that are read with it.

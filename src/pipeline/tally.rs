@@ -9,12 +9,16 @@ use crate::error_code::metres_from_code;
 use crate::patch::TileGeometry;
 use crate::pipeline::counts::Counts;
 use crate::pipeline::plan::Plan;
+use crate::pipeline::quarter::Range;
 use crate::pipeline::work::Finished;
 
 /// The counts of all levels.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tally {
     levels: Vec<LevelTally>,
+    /// Range of the values of all leaves, and of those that do not look like void; `None` while there are none.
+    #[serde(default)]
+    values: [Option<(f64, f64)>; 2],
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -39,7 +43,7 @@ impl Tally {
     pub fn new(plan: &Plan) -> Self {
         let steps = plan.patch.trailing_zeros() as usize + 1;
         let level = || LevelTally { steps: vec![StepTally::default(); steps], ..LevelTally::default() };
-        Self { levels: (0..=plan.levels).map(|_| level()).collect() }
+        Self { levels: (0..=plan.levels).map(|_| level()).collect(), values: [None; 2] }
     }
 
     /// Counts a finished tile.
@@ -51,6 +55,9 @@ impl Tally {
         if let Some((low, high)) = tile.census.range_m {
             let (a, b) = level.range_m.unwrap_or((low, high));
             level.range_m = Some((a.min(low), b.max(high)));
+        }
+        if let Some(values) = tile.census.values {
+            join_ranges(&mut self.values, values.map(|range| Some((range.low, range.high))));
         }
         let chunks = &tile.chunks;
         for (sum, chunk) in level.bytes.iter_mut().zip([&chunks.heights, &chunks.mask, &chunks.errors]) {
@@ -75,8 +82,14 @@ impl Tally {
             && self.levels.iter().zip(&other.levels).all(|(a, b)| a.steps.len() == b.steps.len());
         if alike {
             self.levels.iter_mut().zip(&other.levels).for_each(|(level, other)| level.join(other));
+            join_ranges(&mut self.values, other.values);
         }
         alike
+    }
+
+    /// Range of the values of all leaves, and of those that do not look like void.
+    pub fn values(&self) -> [Range; 2] {
+        self.values.map(|range| range.map_or(Range::EMPTY, |(low, high)| Range { low, high }))
     }
 
     /// The statistics section.
@@ -99,6 +112,15 @@ impl Tally {
             }
         });
         Statistics { levels: levels.collect() }
+    }
+}
+
+/// Makes ranges hold others; one of no values is not kept, for JSON has no infinity.
+fn join_ranges(ranges: &mut [Option<(f64, f64)>; 2], others: [Option<(f64, f64)>; 2]) {
+    for (range, other) in ranges.iter_mut().zip(others) {
+        let Some((low, high)) = other.filter(|(low, high)| low <= high) else { continue };
+        let (a, b) = range.unwrap_or((low, high));
+        *range = Some((a.min(low), b.max(high)));
     }
 }
 
@@ -169,5 +191,32 @@ pub fn distribution(counts: &Counts) -> ErrorStatistics {
         p90: percentile(90),
         p99: percentile(99),
         histogram,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_number_comes_back_from_a_state() {
+        let odd = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -0.0, 5e-324, f64::MAX];
+        for (low, high) in odd.into_iter().flat_map(|low| odd.map(|high| (low, high))) {
+            let mut step = StepTally { spacing_m: [low, high], ..StepTally::default() };
+            step.vertical.add(u16::MAX, u64::MAX);
+            step.horizontal.add(0, 1);
+            let level = LevelTally {
+                tiles: u64::MAX,
+                range_m: Some((low, high)),
+                bytes: [0, 1 << 53, u64::MAX],
+                steps: vec![step],
+                ..LevelTally::default()
+            };
+            let tally = Tally { levels: vec![level], values: [Some((low, high)), None] };
+            let mut bytes = Vec::new();
+            ciborium::into_writer(&tally, &mut bytes).expect("bytes");
+            let back: Tally = ciborium::from_reader(&bytes[..]).expect("tally");
+            assert_eq!(format!("{back:?}"), format!("{tally:?}"));
+        }
     }
 }

@@ -5,12 +5,13 @@ use crate::codec::table::ErrorTable;
 use crate::codec::{height, mask, table};
 use crate::container::layout::Metric;
 use crate::container::writer::{TileChunks, TileRecord};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::error_code::code_from_metres;
 use crate::gaps;
 use crate::patch::blocks::{Blocks, occupied};
 use crate::patch::{Errors, TileGeometry, inherit};
 use crate::pipeline::buffers::{Buffers, Lent};
+use crate::pipeline::odd;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::quarter::{Quarter, Range};
 use crate::sample::{Lattice, VALID};
@@ -51,6 +52,8 @@ pub struct Census {
     pub valid: u64,
     /// Lowest and highest in metres.
     pub range_m: Option<(f64, f64)>,
+    /// Of a leaf: lowest and highest value, and the same without those that look like void.
+    pub values: Option<[Range; 2]>,
 }
 
 impl Work {
@@ -121,6 +124,10 @@ impl Work {
         height::encode((&self.lattice, fills), coding, root, scratch, &mut chunks.heights)?;
         table::encode(&table, &mut chunks.errors)?;
         let (min_m, max_m) = range.outward(plan);
+        if min_m.is_nan() || max_m.is_nan() {
+            let got = format!("samples from {:e} to {:e}", range.low, range.high);
+            return Err(Error::format("heights", "numbers of metres", got));
+        }
         let patches = table.patches * table.patches;
         let largest = |codes: &[u16]| codes[..patches].iter().copied().max().unwrap_or(0);
         let record = TileRecord {
@@ -182,7 +189,9 @@ fn census(lattice: &Lattice, range: Range, id: TileId, plan: &Plan) -> Census {
     // No more at a time than a byte can count.
     let count = |run: &[u8]| u64::from(run.iter().map(|&state| u8::from(state == VALID)).sum::<u8>());
     let valid = (0..rows).flat_map(|y| row(y).chunks(usize::from(u8::MAX))).map(count).sum();
-    Census { valid, range_m: (range.low <= range.high).then(|| range.metres(plan)) }
+    let known = range.low <= range.high;
+    let values = (known && id.level == plan.levels).then(|| [range, odd::rest(lattice, range, plan)]);
+    Census { valid, range_m: known.then(|| range.metres(plan)), values }
 }
 
 /// The table as stored: rounded up, with the quantisation error on top of every vertical one.
