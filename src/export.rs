@@ -1,15 +1,22 @@
 //! A level or a tile of a container back to a raster: GeoTIFF, or a picture.
 //!
-//! Tiles are read in rows from north to south; memory grows with the width of the level. At the leaf level the samples are
-//! the source's own, bit for bit unless the file is quantised.
+//! Tiles are read in rows from north to south. A GeoTIFF of a level that is too wide for that, or mostly void, is made of large blocks,
+//! of which those without samples are left out: it takes some 300 MiB and 80 bytes a block at most, of which there are 4 million. A
+//! picture is made in memory, of at most 16 384 x 16 384 samples. Within a limit of memory (`ReaderOptions::memory`) bands have fewer
+//! rows, blocks are made a few at a time, and what is still too much is refused before the file is begun. At the leaf level the samples are the source's own, bit for bit
+//! unless the file is quantised.
 
 mod imagery;
+mod memory;
+mod part;
 mod picture_file;
+mod sparse;
 mod tile;
 
 use std::path::Path;
 
-pub use imagery::{imagery_geotiff, imagery_picture, imagery_tile};
+pub use imagery::{imagery_geotiff, imagery_part, imagery_picture, imagery_tile};
+pub use part::{part_geotiff, part_picture};
 pub use tile::{HeightScale, tile_geotiff, tile_picture};
 
 use crate::container::layout::Header;
@@ -18,12 +25,20 @@ use crate::error::{Error, Result};
 use crate::geo::Geo;
 use crate::geotiff_write::{Compression, GeotiffSpec, GeotiffWriter};
 use crate::hillshade;
-use crate::sample::{SampleType, VALID};
-use crate::source::Samples;
+use crate::output;
+use crate::sample::SampleType;
+use crate::source::{Nodata, Rect, Samples};
 use crate::tile::TileId;
+use memory::{Extract, Way};
+use part::each_band;
 
 /// Largest picture, in samples on a side: a PNG is made in memory.
 const MAX_PICTURE_SIDE: u32 = 16_384;
+
+/// Bytes of the values of a row of tiles, at most.
+const BAND_BYTES: u64 = 256 << 20;
+/// Bytes of a value while it is on its way to a sample.
+const VALUE_BYTES: u64 = size_of::<Option<f64>>() as u64;
 
 /// How a GeoTIFF is to be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,27 +65,41 @@ pub fn level_geo(geo: &Geo, header: &Header, level: u8) -> Geo {
 /// Writes a level as a GeoTIFF; returns its size in samples.
 pub fn geotiff(reader: &Reader, output: &Path, options: GeotiffOptions) -> Result<(u32, u32)> {
     let header = reader.header();
+    check_apart(output, reader)?;
     check_level(header, options.level)?;
     let (columns, rows) = header.level_size(options.level);
     let geo = level_geo(reader.geo(), header, options.level);
     let mut spec = GeotiffSpec::new(columns, rows, header.source_type, &geo);
-    spec.nodata = void_value(reader, options.level)?;
+    let void = void(reader, options.level)?;
+    spec.nodata = void.tag();
+    spec.mask = matches!(void, Void::Mask);
     spec.band_scale = header.band_scale;
     spec.band_offset = header.band_offset;
     spec.unit = &reader.metadata().vertical_unit;
     spec.compression = options.compression;
     spec.force = options.force;
-    let mut writer = GeotiffWriter::create(output, &spec)?;
-    each_band(reader, options.level, |values| {
-        writer.write_rows(&samples(values, header.source_type, spec.nodata))
-    })?;
-    writer.finish()?;
+    let (rect, extract) = all_of(header, options.level);
+    match memory::way(reader, extract, void, &spec, false)? {
+        Way::Bands(most) => {
+            let mut writer = GeotiffWriter::create(output, &spec)?;
+            let mut put = |values: &[Option<f64>]| write(&mut writer, values, header.source_type, void);
+            each_band(reader, (options.level, most), &rect, &mut put)?;
+            writer.finish()?;
+        }
+        Way::Blocks(blocks, at_once) => {
+            spec.tile = Some(blocks.side());
+            let mut writer = GeotiffWriter::create_sparse(output, &spec)?;
+            blocks.write(reader, &mut writer, void, at_once)?;
+            writer.finish()?;
+        }
+    }
     Ok((columns, rows))
 }
 
 /// Writes a level as a shaded PNG; returns its size.
 pub fn picture(reader: &Reader, output: &Path, level: u8, style: hillshade::Style) -> Result<(u32, u32)> {
     let header = reader.header();
+    check_apart(output, reader)?;
     check_level(header, level)?;
     let (columns, rows) = header.level_size(level);
     for (what, side) in [("picture width", columns), ("picture height", rows)] {
@@ -82,8 +111,10 @@ pub fn picture(reader: &Reader, output: &Path, level: u8, style: hillshade::Styl
             ));
         }
     }
+    let (rect, extract) = all_of(header, level);
+    memory::check(reader, "a picture", memory::of_relief(extract, header.tile()))?;
     let mut heights = Vec::with_capacity(columns as usize * rows as usize);
-    each_band(reader, level, |values| {
+    each_band(reader, (level, header.tile()), &rect, &mut |values| {
         heights.extend(values.iter().map(|v| v.map_or(f32::NAN, |v| header.metres(v) as f32)));
         Ok(())
     })?;
@@ -96,6 +127,11 @@ pub fn picture(reader: &Reader, output: &Path, level: u8, style: hillshade::Styl
     Ok((columns, rows))
 }
 
+/// Fails if the output is the container itself.
+fn check_apart(output: &Path, reader: &Reader) -> Result<()> {
+    output::check_apart(output, &[reader.path().to_owned()])
+}
+
 fn check_level(header: &Header, level: u8) -> Result<()> {
     if level > header.levels {
         return Err(Error::usage(format!(
@@ -106,69 +142,67 @@ fn check_level(header: &Header, level: u8) -> Result<()> {
     Ok(())
 }
 
-/// Calls `take` with the values of whole rows of a level, north to south; `None` is void.
-fn each_band(reader: &Reader, level: u8, mut take: impl FnMut(&[Option<f64>]) -> Result<()>) -> Result<()> {
-    let header = reader.header();
-    let (columns, rows) = (header.level_size(level).0 as usize, header.level_size(level).1 as usize);
-    let n = header.tile() as usize;
-    let last = (1_usize << level) - 1;
-    let mut values: Vec<Option<f64>> = Vec::new();
-    for y in 0..=((rows - 1) / n).min(last) {
-        let first = y * n;
-        // Each tile owns its first n rows and columns; the last one its border too.
-        let height = if y == last { rows - first } else { (rows - first).min(n) };
-        values.clear();
-        values.resize(columns * height, None);
-        for x in 0..=((columns - 1) / n).min(last) {
-            let id = TileId::new(level, x as u32, y as u32);
-            if reader.entry(id)?.is_none() {
-                continue;
-            }
-            let lattice = reader.read_tile(id)?;
-            let left = x * n;
-            let width = if x == last { columns - left } else { (columns - left).min(n) };
-            for row in 0..height {
-                for column in 0..width {
-                    let at = lattice.at(column, row);
-                    if lattice.state[at] == VALID {
-                        values[row * columns + left + column] = Some(lattice.value(at, header.coding));
-                    }
-                }
-            }
-        }
-        take(&values)?;
-    }
-    Ok(())
+/// All samples of a level.
+fn all_of(header: &Header, level: u8) -> (Rect, Extract) {
+    let (columns, rows) = header.level_size(level);
+    (Rect { columns: 0..columns, rows: 0..rows }, Extract { level, columns, rows })
 }
 
-/// The value to write for voids: the source's, or where it has none and the level has voids (a mask), NaN or the end of the
-/// type's range that the data does not reach.
-fn void_value(reader: &Reader, level: u8) -> Result<Option<f64>> {
+/// What stands for void in an exported raster.
+#[derive(Clone, Copy, Debug)]
+enum Void {
+    /// There is none.
+    Nothing,
+    /// The samples of a nodata value.
+    Value(Nodata),
+    /// A mask, where the samples use all numbers of their type.
+    Mask,
+}
+
+impl Void {
+    /// The value for the tag.
+    fn tag(self) -> Option<f64> {
+        if let Self::Value(nodata) = self { nodata.value() } else { None }
+    }
+}
+
+/// What to write for voids: the source's value, or where it has none and the level has voids (a mask), NaN or the end of
+/// the type's range that the data does not reach, or a mask.
+fn void(reader: &Reader, level: u8) -> Result<Void> {
     let header = reader.header();
-    let range = integer_range(header.source_type);
-    let usable = |v: &f64| range.is_none_or(|(low, high)| (low..=high).contains(v) && v.fract() == 0.0);
-    if let Some(nodata) = header.nodata.filter(usable) {
-        return Ok(Some(nodata));
+    let value = |value: f64| Void::Value(Nodata::new(Some(value), header.source_type));
+    let own = Nodata::new(header.nodata, header.source_type);
+    let is_nan = header.source_type.is_float() && header.nodata.is_some_and(f64::is_nan);
+    if own.near().is_some() || is_nan {
+        return Ok(Void::Value(own));
     }
     let statistics = reader.statistics()?.and_then(|s| s.levels.into_iter().find(|l| l.level == level));
     if statistics.is_some_and(|l| l.valid == l.columns * l.rows) {
-        return Ok(None);
+        return Ok(Void::Nothing);
     }
-    let Some((low, high)) = range else { return Ok(Some(f64::NAN)) };
-    let Some(root) = reader.entry(TileId::ROOT)? else { return Ok(Some(low)) };
-    let value =
+    let Some((low, high)) = integer_range(header.source_type) else { return Ok(value(f64::NAN)) };
+    let Some(root) = reader.entry(TileId::ROOT)? else { return Ok(value(low)) };
+    let sample =
         |metres: f32| (f64::from(metres) / header.unit_metres - header.band_offset) / header.band_scale;
-    let (a, b) = (value(root.min_m), value(root.max_m));
-    if a.min(b) > low + 1.0 {
-        Ok(Some(low))
+    let (a, b) = (sample(root.min_m), sample(root.max_m));
+    Ok(if a.min(b) > low + 1.0 {
+        value(low)
     } else if a.max(b) < high - 1.0 {
-        Ok(Some(high))
+        value(high)
     } else {
-        Err(Error::usage(format!(
-            "{}: voids came from a mask and the samples use the whole range of {}, so none is free to stand for void",
-            reader.path().display(),
-            header.source_type.gdal_name()
-        )))
+        Void::Mask
+    })
+}
+
+/// Appends rows of values, with their mask if the voids need one.
+fn write(writer: &mut GeotiffWriter, values: &[Option<f64>], kind: SampleType, void: Void) -> Result<()> {
+    let samples = samples(values, kind, void);
+    match void {
+        Void::Mask => {
+            let valid: Vec<bool> = values.iter().map(Option::is_some).collect();
+            writer.write_masked_rows(&samples, &valid)
+        }
+        _ => writer.write_rows(&samples),
     }
 }
 
@@ -187,33 +221,29 @@ fn integer_range(kind: SampleType) -> Option<(f64, f64)> {
 
 /// Values as samples of the source's type; quantised values are rounded into it.
 ///
-/// A quantised height that falls on the void value is moved to the next number, so that it does not become a void.
-fn samples(values: &[Option<f64>], kind: SampleType, void: Option<f64>) -> Samples {
+/// A quantised height that falls on a void one is moved to the next number, so that it does not become a void.
+fn samples(values: &[Option<f64>], kind: SampleType, void: Void) -> Samples {
+    let nodata = if let Void::Value(nodata) = void { nodata } else { Nodata::NONE };
+    let hole = if let Void::Value(nodata) = void { nodata.sample(kind).unwrap_or(f64::NAN) } else { 0.0 };
     macro_rules! convert {
-        ($variant:ident, $type:ty, $round:expr, $next:expr) => {{
-            let void = void.map(|v| v as $type);
+        ($variant:ident, $type:ty, $round:expr) => {{
             let sample = |value: &Option<f64>| match value.map(|v| $round(v) as $type) {
-                Some(valid) if Some(valid) == void => $next(valid),
+                Some(valid) if nodata.is(valid.into()) => nodata.beside(valid.into(), kind) as $type,
                 Some(valid) => valid,
-                None => void.unwrap_or_default(),
+                None => hole as $type,
             };
             Samples::$variant(values.iter().map(sample).collect())
         }};
     }
-    macro_rules! integers {
-        ($variant:ident, $type:ty) => {
-            convert!($variant, $type, f64::round, |v: $type| v.checked_add(1).unwrap_or_else(|| v - 1))
-        };
-    }
     match kind {
-        SampleType::Int8 => integers!(Int8, i8),
-        SampleType::Uint8 => integers!(Uint8, u8),
-        SampleType::Int16 => integers!(Int16, i16),
-        SampleType::Uint16 => integers!(Uint16, u16),
-        SampleType::Int32 => integers!(Int32, i32),
-        SampleType::Uint32 => integers!(Uint32, u32),
-        SampleType::Float32 => convert!(Float32, f32, f64::from, f32::next_up),
-        SampleType::Float64 => convert!(Float64, f64, f64::from, f64::next_up),
+        SampleType::Int8 => convert!(Int8, i8, f64::round),
+        SampleType::Uint8 => convert!(Uint8, u8, f64::round),
+        SampleType::Int16 => convert!(Int16, i16, f64::round),
+        SampleType::Uint16 => convert!(Uint16, u16, f64::round),
+        SampleType::Int32 => convert!(Int32, i32, f64::round),
+        SampleType::Uint32 => convert!(Uint32, u32, f64::round),
+        SampleType::Float32 => convert!(Float32, f32, std::convert::identity),
+        SampleType::Float64 => convert!(Float64, f64, std::convert::identity),
     }
 }
 
@@ -224,10 +254,17 @@ mod tests {
     #[test]
     fn a_quantised_height_never_becomes_a_void() {
         let values = [Some(0.0), None, Some(3.0), Some(255.0)];
-        assert_eq!(samples(&values, SampleType::Uint8, Some(0.0)), Samples::Uint8(vec![1, 0, 3, 255]));
-        assert_eq!(samples(&values, SampleType::Uint8, Some(255.0)), Samples::Uint8(vec![0, 255, 3, 254]));
-        assert_eq!(samples(&values, SampleType::Uint8, None), Samples::Uint8(vec![0, 0, 3, 255]));
+        let samples = |kind, nodata: Option<f64>| {
+            let void = nodata.map_or(Void::Nothing, |value| Void::Value(Nodata::new(Some(value), kind)));
+            super::samples(&values, kind, void)
+        };
+        assert_eq!(samples(SampleType::Uint8, Some(0.0)), Samples::Uint8(vec![1, 0, 3, 255]));
+        assert_eq!(samples(SampleType::Uint8, Some(255.0)), Samples::Uint8(vec![0, 255, 3, 254]));
+        assert_eq!(samples(SampleType::Uint8, None), Samples::Uint8(vec![0, 0, 3, 255]));
         let tiny = f32::from_bits(1);
-        assert_eq!(samples(&values[..2], SampleType::Float32, Some(0.0)), Samples::Float32(vec![tiny, 0.0]));
+        assert_eq!(samples(SampleType::Float32, Some(0.0)), Samples::Float32(vec![tiny, 0.0, 3.0, 255.0]));
+        // Also where it is only close to the void value.
+        let Samples::Float32(got) = samples(SampleType::Float32, Some(255.000_02)) else { panic!() };
+        assert!(got[3] > 255.000_02 && got[3] < 255.0003, "{got:?}");
     }
 }

@@ -9,6 +9,7 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::output;
 
 /// What the picture is made of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -232,10 +233,10 @@ pub fn png_bytes(rgba: &[u8], width: u32, height: u32) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Writes a picture as PNG at `path`; what was there is replaced.
+/// Writes a picture as PNG at `path`; what was there is replaced when it is whole.
 pub fn write_png(path: &Path, rgba: &[u8], width: u32, height: u32) -> Result<()> {
     let bytes = png_bytes(rgba, width, height)?;
-    std::fs::write(path, bytes).map_err(|error| Error::io(path, "write the picture", error))
+    output::write(path, &bytes, true)
 }
 
 /// Writing to memory fails only for a picture that cannot be.

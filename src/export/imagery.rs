@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use super::picture_file::write_png;
-use super::{GeotiffOptions, MAX_PICTURE_SIDE};
+use super::{GeotiffOptions, MAX_PICTURE_SIDE, check_apart, memory};
 use crate::container::imagery::ImageryHeader;
 use crate::container::reader::{ImageryLayer, Reader};
 use crate::error::{Error, Result};
@@ -14,11 +14,18 @@ use crate::geo::Geo;
 use crate::geotiff_write::{GeotiffSpec, GeotiffWriter};
 use crate::sample::SampleType;
 use crate::source::Samples;
+use crate::source::cropped::Bbox;
 use crate::texel::Texels;
 use crate::tile::TileId;
 
 /// Side of the GeoTIFF's blocks.
 const BLOCK: u32 = 256;
+
+/// Bytes of the texels of a row of tiles, at most: it is in memory as a whole.
+const MAX_ROW_BYTES: u64 = 512 << 20;
+
+/// Bytes for each texel of a tile while it is decoded: chunks, what the codecs take (WebP most), and texels.
+const TEXEL: u64 = 32;
 
 /// Some texels of a level, whose north-west one is texel (`left`, `top`).
 #[derive(Clone, Copy)]
@@ -32,6 +39,7 @@ struct Area {
 
 /// Writes a level of the imagery as a GeoTIFF of bytes: grey or RGB, and alpha if some texel is transparent. Returns its size in texels.
 pub fn imagery_geotiff(reader: &Reader, output: &Path, options: GeotiffOptions) -> Result<(u32, u32)> {
+    check_apart(output, reader)?;
     let layer = layer_of(reader)?;
     let area = level_area(reader, layer.header(), options.level)?;
     write_geotiff(reader, layer, area, output, options)?;
@@ -40,9 +48,10 @@ pub fn imagery_geotiff(reader: &Reader, output: &Path, options: GeotiffOptions) 
 
 /// Writes a level of the imagery as a PNG; returns its size in texels.
 pub fn imagery_picture(reader: &Reader, output: &Path, level: u8) -> Result<(u32, u32)> {
+    check_apart(output, reader)?;
     let layer = layer_of(reader)?;
     let area = level_area(reader, layer.header(), level)?;
-    write_picture(layer, area, output)?;
+    write_picture(reader, layer, area, output)?;
     Ok((area.columns, area.rows))
 }
 
@@ -53,6 +62,7 @@ pub fn imagery_tile(
     id: TileId,
     geotiff: Option<GeotiffOptions>,
 ) -> Result<(u32, u32)> {
+    check_apart(output, reader)?;
     let layer = layer_of(reader)?;
     if layer.entry(id)?.is_none() {
         return Err(Error::usage(format!("there is no imagery tile {id} in {}", reader.path().display())));
@@ -62,9 +72,35 @@ pub fn imagery_tile(
     let area = Area { level: id.level, left, top, columns: tile, rows: tile };
     match geotiff {
         Some(options) => write_geotiff(reader, layer, area, output, options)?,
-        None => write_picture(layer, area, output)?,
+        None => write_picture(reader, layer, area, output)?,
     }
     Ok((tile, tile))
+}
+
+/// Writes the texels of a level that a box touches: a PNG, or a GeoTIFF if there are options for it. Returns their columns and rows.
+pub fn imagery_part(
+    reader: &Reader,
+    output: &Path,
+    bbox: &Bbox,
+    level: u8,
+    geotiff: Option<GeotiffOptions>,
+) -> Result<(u32, u32)> {
+    let layer = layer_of(reader)?;
+    let whole = level_area(reader, layer.header(), level)?;
+    let geo = area_geo(reader, layer.header(), whole);
+    let part = bbox.window(&geo, (whole.columns, whole.rows)).map_err(|error| error.at(reader.path()))?;
+    let area = Area {
+        level,
+        left: part.columns.start.into(),
+        top: part.rows.start.into(),
+        columns: part.columns.end - part.columns.start,
+        rows: part.rows.end - part.rows.start,
+    };
+    match geotiff {
+        Some(options) => write_geotiff(reader, layer, area, output, options)?,
+        None => write_picture(reader, layer, area, output)?,
+    }
+    Ok((area.columns, area.rows))
 }
 
 fn layer_of(reader: &Reader) -> Result<&ImageryLayer> {
@@ -125,12 +161,19 @@ fn write_geotiff(
     spec.compression = options.compression;
     spec.force = options.force;
     spec.tile = Some(BLOCK);
+    let row = u64::from(area.columns) * u64::from(layer.header().tile) * u64::from(spec.bands);
+    if row > MAX_ROW_BYTES {
+        let what = "bytes of a row of imagery tiles (choose a coarser --level, or a --tile)";
+        return Err(Error::limit(what, row, MAX_ROW_BYTES));
+    }
+    let bytes = of_row(layer.header(), area).saturating_add(GeotiffWriter::memory(&spec));
+    memory::check(reader, "an export of imagery", bytes)?;
     let mut writer = GeotiffWriter::create(output, &spec)?;
     each_band(layer, area, |pixels| writer.write_rows(&Samples::Uint8(pixels)))?;
     writer.finish().map(drop)
 }
 
-fn write_picture(layer: &ImageryLayer, area: Area, output: &Path) -> Result<()> {
+fn write_picture(reader: &Reader, layer: &ImageryLayer, area: Area, output: &Path) -> Result<()> {
     for (what, side) in [("picture width", area.columns), ("picture height", area.rows)] {
         if side > MAX_PICTURE_SIDE {
             let what = format!("{what} (choose a coarser --level, or a GeoTIFF)");
@@ -143,12 +186,21 @@ fn write_picture(layer: &ImageryLayer, area: Area, output: &Path) -> Result<()> 
         3 => png::ColorType::Rgb,
         _ => png::ColorType::Rgba,
     };
-    let mut pixels = Vec::new();
+    let pixel = bands(layer.header()) as u64;
+    let bytes = of_row(layer.header(), area).saturating_add(memory::of_png(area.columns, area.rows, pixel));
+    memory::check(reader, "a picture of imagery", bytes)?;
+    let mut pixels = Vec::with_capacity(area.columns as usize * area.rows as usize * pixel as usize);
     each_band(layer, area, |rows| {
         pixels.extend(rows);
         Ok(())
     })?;
     write_png(output, (area.columns, area.rows), (kind, png::BitDepth::Eight), &pixels, &[])
+}
+
+/// Bytes of a row of tiles, and of a tile while it is decoded.
+fn of_row(header: &ImageryHeader, area: Area) -> u64 {
+    let texels = (u64::from(header.tile) + 2 * u64::from(header.gutter)).pow(2);
+    u64::from(area.columns) * u64::from(header.tile) * bands(header) as u64 + texels * TEXEL
 }
 
 /// Bytes of a pixel.

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::output;
 
-/// Writes pixels of a kind and depth as a PNG; what was there is replaced. Each text is a key and what it says.
+/// Writes pixels of a kind and depth as a PNG; what was there is replaced when it is whole. Each text is a key and what it says.
 pub(super) fn write_png(
     path: &Path,
     (width, height): (u32, u32),
@@ -23,5 +24,5 @@ pub(super) fn write_png(
     let mut writer = encoder.write_header().map_err(refused)?;
     writer.write_image_data(pixels).map_err(refused)?;
     writer.finish().map_err(refused)?;
-    std::fs::write(path, bytes).map_err(|error| Error::io(path, "write the picture", error))
+    output::write(path, &bytes, true)
 }

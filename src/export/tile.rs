@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::picture_file::write_png;
-use super::{GeotiffOptions, level_geo, samples, void_value};
+use super::{GeotiffOptions, Void, check_apart, level_geo, memory, void, write};
 use crate::container::reader::Reader;
 use crate::error::{Error, Result};
 use crate::geo::Geo;
@@ -34,6 +34,7 @@ fn read(reader: &Reader, id: TileId) -> Result<Cut> {
     if reader.entry(id)?.is_none() {
         return Err(Error::usage(format!("there is no tile {id} in {}", reader.path().display())));
     }
+    memory::check(reader, "a tile", memory::of_tile(header.tile(), header.source_type))?;
     let lattice = reader.read_tile(id)?;
     let (width, height) = header.level_size(id.level);
     let tile = header.tile();
@@ -56,6 +57,7 @@ pub fn tile_geotiff(
     options: GeotiffOptions,
 ) -> Result<(u32, u32)> {
     let header = reader.header();
+    check_apart(output, reader)?;
     let tile = read(reader, id)?;
     let geo = level_geo(reader.geo(), header, id.level);
     let (column, row) = (f64::from(id.x * header.tile()), f64::from(id.y * header.tile()));
@@ -64,14 +66,16 @@ pub fn tile_geotiff(
         .map(|[x0, a, b, y0, d, e]| [x0 + column * a + row * b, a, b, y0 + column * d + row * e, d, e]);
     let geo = Geo { transform, ..geo };
     let mut spec = GeotiffSpec::new(tile.columns, tile.rows, header.source_type, &geo);
-    spec.nodata = void_value(reader, id.level)?;
+    let void = void(reader, id.level)?;
+    spec.nodata = void.tag();
+    spec.mask = matches!(void, Void::Mask);
     spec.band_scale = header.band_scale;
     spec.band_offset = header.band_offset;
     spec.unit = &reader.metadata().vertical_unit;
     spec.compression = options.compression;
     spec.force = options.force;
     let mut writer = GeotiffWriter::create(output, &spec)?;
-    writer.write_rows(&samples(&tile.values, header.source_type, spec.nodata))?;
+    write(&mut writer, &tile.values, header.source_type, void)?;
     writer.finish()?;
     Ok((tile.columns, tile.rows))
 }
@@ -79,6 +83,7 @@ pub fn tile_geotiff(
 /// Writes a tile's heights as a PNG of 16-bit greys; returns what they mean, which the PNG says too (text `relevo heights`).
 pub fn tile_picture(reader: &Reader, output: &Path, id: TileId) -> Result<HeightScale> {
     let header = reader.header();
+    check_apart(output, reader)?;
     let tile = read(reader, id)?;
     let valid = || tile.values.iter().flatten().copied();
     let (low, high) = valid().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));

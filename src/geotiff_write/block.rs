@@ -14,7 +14,7 @@ use crate::source::Samples;
 /// Bytes of a strip before compression, about.
 const STRIP_BYTES: u64 = 256 << 10;
 /// Zstandard's level: 3 is its default, 6 takes a few per cent off terrain and stays faster than reading it.
-const ZSTD_LEVEL: i32 = 6;
+pub(super) const ZSTD_LEVEL: i32 = 6;
 
 /// How a raster is cut into blocks. Its byte counts cannot overflow: a block is below [`Limits::block_bytes`].
 #[derive(Debug)]
@@ -31,6 +31,18 @@ pub(super) struct BlockGrid {
 impl BlockGrid {
     /// The grid of a spec, checked.
     pub fn new(spec: &GeotiffSpec) -> Result<Self> {
+        let grid = Self::of_blocks(spec)?;
+        // A batch holds at least one row of blocks: that has to fit into memory as well as a block.
+        let band_bytes = grid.row_bytes().saturating_mul(u64::from(grid.block_height));
+        let max = Limits::default().block_bytes;
+        if band_bytes > max {
+            return Err(Error::limit("bytes of a row of blocks", band_bytes, max));
+        }
+        Ok(grid)
+    }
+
+    /// The same for blocks that come one by one.
+    pub fn of_blocks(spec: &GeotiffSpec) -> Result<Self> {
         let GeotiffSpec { width, height, sample_type, bands, tile, .. } = *spec;
         if width == 0 || height == 0 {
             return Err(Error::usage(format!(
@@ -53,13 +65,9 @@ impl BlockGrid {
         let grid = Self { width, height, sample_type, bands, tiled, block_width, block_height };
         let block_bytes =
             u64::from(block_width).saturating_mul(u64::from(block_height)).saturating_mul(pixel_bytes);
-        // A batch holds at least one row of blocks: that has to fit into memory as well as a block.
-        let band_bytes = row_bytes.saturating_mul(u64::from(block_height));
         let max = Limits::default().block_bytes;
-        for (what, got) in [("bytes of a block", block_bytes), ("bytes of a row of blocks", band_bytes)] {
-            if got > max {
-                return Err(Error::limit(what, got, max));
-            }
+        if block_bytes > max {
+            return Err(Error::limit("bytes of a block", block_bytes, max));
         }
         Ok(grid)
     }
@@ -169,7 +177,11 @@ pub(super) fn encode(
     rows: u32,
     index: u64,
 ) -> io::Result<Vec<u8>> {
-    let mut block = gather(grid, batch, rows, index);
+    pack(grid, compression, gather(grid, batch, rows, index))
+}
+
+/// The samples of a block as they are stored.
+fn pack(grid: &BlockGrid, compression: Compression, mut block: Vec<u8>) -> io::Result<Vec<u8>> {
     if compression == Compression::None {
         return Ok(block);
     }
@@ -205,7 +217,7 @@ fn gather(grid: &BlockGrid, batch: &[u8], rows: u32, index: u64) -> Vec<u8> {
 }
 
 /// TIFF predictor 2 (integers) or 3 (floats), row by row in place.
-fn predict(block: &mut [u8], grid: &BlockGrid) {
+pub(super) fn predict(block: &mut [u8], grid: &BlockGrid) {
     let sample_type = grid.sample_type;
     let row_bytes = grid.block_width as usize * grid.pixel_bytes();
     let mut scratch = Vec::new();

@@ -2,6 +2,7 @@
 
 /// Tag numbers.
 pub(super) mod tags {
+    pub const NEW_SUBFILE_TYPE: u16 = 254;
     pub const IMAGE_WIDTH: u16 = 256;
     pub const IMAGE_LENGTH: u16 = 257;
     pub const BITS_PER_SAMPLE: u16 = 258;
@@ -81,11 +82,37 @@ pub(super) fn zero_index(count: u64) -> Vec<(u64, u64)> {
     vec![(0, 0); count as usize]
 }
 
-/// Header, directory and the values that do not fit into it: the file up to its first block.
+/// Header, directory and the values that do not fit into it: the file up to its first block. `next` is the place of another
+/// directory, 0 if there is none.
 ///
 /// Its length depends on the tags and on the number of blocks, not on their places. A classic TIFF needs places
 /// below 4 GiB; the caller sees to it.
-pub(super) fn encode(other: &[Tag], blocks: &[(u64, u64)], tiled: bool, big: bool) -> Vec<u8> {
+pub(super) fn encode(
+    other: &[Tag],
+    blocks: &[(u64, u64)],
+    tiled: bool,
+    big: bool,
+    next: Option<u64>,
+) -> Vec<u8> {
+    let mut front = header(big);
+    let start = front.len() as u64;
+    front.extend(directory(other, blocks, tiled, big, (start, next.unwrap_or(0))));
+    front
+}
+
+/// One more directory, which stands at `place`, of an image in strips.
+pub(super) fn another(other: &[Tag], blocks: &[(u64, u64)], big: bool, place: u64) -> Vec<u8> {
+    directory(other, blocks, false, big, (place, 0))
+}
+
+/// A directory at a place, with the place of the next one, and its values.
+fn directory(
+    other: &[Tag],
+    blocks: &[(u64, u64)],
+    tiled: bool,
+    big: bool,
+    (place, next): (u64, u64),
+) -> Vec<u8> {
     let (offsets, counts) = if tiled {
         (tags::TILE_OFFSETS, tags::TILE_BYTE_COUNTS)
     } else {
@@ -96,10 +123,17 @@ pub(super) fn encode(other: &[Tag], blocks: &[(u64, u64)], tiled: bool, big: boo
     all.push(Tag::new(counts, Value::Offsets(blocks.iter().map(|block| block.1).collect())));
     all.sort_by_key(|tag| tag.id);
 
-    // Classic: 8 bytes of header, 2 of count, 12 per entry, 4 of link. BigTIFF: 16, 8, 20, 8.
-    let (header, count, entry, word) = if big { (16, 8, 20, 8) } else { (8, 2, 12, 4) };
-    let mut values_at = (header + count + entry * all.len() + word).next_multiple_of(8);
-    let (mut front, mut values) = (begin(all.len(), big), Vec::new());
+    // Classic: 2 bytes of count, 12 per entry, 4 of link. BigTIFF: 8, 20, 8.
+    let (count, entry, word) = if big { (8, 20, 8) } else { (2, 12, 4) };
+    let end = place + (count + entry * all.len() + word) as u64;
+    let mut values_at = end.next_multiple_of(8);
+    let padding = (values_at - end) as usize;
+    let (mut front, mut values) = (Vec::new(), Vec::new());
+    if big {
+        front.extend((all.len() as u64).to_le_bytes());
+    } else {
+        front.extend((all.len() as u16).to_le_bytes());
+    }
     for tag in &all {
         let (kind, count, mut bytes) = tag.value.encode(big);
         front.extend(tag.id.to_le_bytes());
@@ -109,31 +143,29 @@ pub(super) fn encode(other: &[Tag], blocks: &[(u64, u64)], tiled: bool, big: boo
             bytes.resize(word, 0);
             front.extend(bytes);
         } else {
-            push_word(&mut front, values_at as u64, big);
+            push_word(&mut front, values_at, big);
             bytes.resize(bytes.len().next_multiple_of(8), 0);
-            values_at += bytes.len();
+            values_at += bytes.len() as u64;
             values.extend(bytes);
         }
     }
-    push_word(&mut front, 0, big);
-    front.resize(front.len().next_multiple_of(8), 0);
+    push_word(&mut front, next, big);
+    front.resize(front.len() + padding, 0);
     front.extend(values);
     front
 }
 
-/// Header and the count of a directory that follows it at once.
-fn begin(entries: usize, big: bool) -> Vec<u8> {
+/// The header, behind which the first directory follows at once.
+fn header(big: bool) -> Vec<u8> {
     let mut front = Vec::from(*b"II");
     if big {
         for short in [43_u16, 8, 0] {
             front.extend(short.to_le_bytes());
         }
         front.extend(16_u64.to_le_bytes());
-        front.extend((entries as u64).to_le_bytes());
     } else {
         front.extend(42_u16.to_le_bytes());
         front.extend(8_u32.to_le_bytes());
-        front.extend((entries as u16).to_le_bytes());
     }
     front
 }

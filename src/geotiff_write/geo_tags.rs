@@ -2,6 +2,11 @@
 
 use super::{GeotiffSpec, Tag, Value, tags};
 use crate::geo::{Crs, CrsKind, Geo, GeoKeys};
+use crate::source::geokeys;
+use crate::source::srs::Definition;
+
+/// Radians of a degree.
+const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
 /// "Described by other keys", where a key wants a code and there is none.
 const USER_DEFINED: u16 = 32767;
@@ -12,7 +17,7 @@ const RASTER_TYPE: u16 = 1025;
 pub(super) fn tags(spec: &GeotiffSpec) -> Vec<Tag> {
     let keys = spec.geo.crs.keys.clone().filter(|keys| !keys.directory.is_empty());
     let keys = keys.or_else(|| keys_of(spec.geo));
-    let is_point = keys.as_ref().is_some_and(says_point);
+    let is_point = keys.as_ref().is_some_and(geokeys::is_point);
     let mut tags = spec.geo.transform.map_or_else(Vec::new, |transform| place(transform, is_point));
     if let Some(keys) = keys {
         tags.push(Tag::new(tags::GEO_KEY_DIRECTORY, Value::Shorts(keys.directory)));
@@ -52,12 +57,6 @@ fn shifted(corner: f64, half: f64) -> f64 {
     let sum = corner + half;
     let exact = [sum, sum.next_up(), sum.next_down()].into_iter().find(|&x| x - half == corner);
     exact.unwrap_or(sum)
-}
-
-/// True if keys declare PixelIsPoint: then GDAL takes tie points for pixel centres.
-fn says_point(keys: &GeoKeys) -> bool {
-    let (entries, _) = keys.directory.as_chunks::<4>();
-    entries.iter().skip(1).any(|&[key, place, _, value]| key == RASTER_TYPE && place == 0 && value == 2)
 }
 
 /// Keys for a CRS that came without any, `None` if nothing is known of it.
@@ -115,27 +114,53 @@ impl KeyBuilder {
         if text.is_empty() {
             return;
         }
-        let text = text.replace('|', "_") + "|";
+        self.plain_text(key, &(text.replace('|', "_") + "|"));
+    }
+
+    /// Text as it is.
+    fn plain_text(&mut self, key: u16, text: &str) {
         if let (Ok(length), Ok(start)) = (u16::try_from(text.len()), u16::try_from(self.ascii.len())) {
             self.entries.push([key, tags::GEO_ASCII_PARAMS, length, start]);
-            self.ascii += &text;
+            self.ascii += text;
         }
     }
 
-    /// A geographic CRS known by its ellipsoid alone.
+    /// A geographic CRS without a code: its datum, as far as it is known, or its ellipsoid alone.
     fn geographic(&mut self, crs: &Crs) {
+        let definition = Definition::of(crs);
+        let base = definition.as_ref().and_then(|definition| definition.base.as_ref());
+        let datum = definition.as_ref().and_then(Definition::datum_code);
         self.short(2048, USER_DEFINED);
-        self.text(2049, &crs.name);
-        self.short(2050, USER_DEFINED);
+        if let Some(base) = base.filter(|_| datum.is_none()) {
+            let parts = [
+                ("GCS Name", &crs.name),
+                ("Datum", &base.datum),
+                ("Ellipsoid", &base.ellipsoid_name),
+                ("Primem", &base.meridian.0),
+            ];
+            let parts: Vec<String> =
+                parts.map(|(what, name)| format!("{what} = {}", name.replace('|', "_"))).to_vec();
+            self.plain_text(2049, &(parts.join("|") + "|"));
+        } else {
+            self.text(2049, &crs.name);
+        }
+        self.short(2050, datum.and_then(|code| u16::try_from(code).ok()).unwrap_or(USER_DEFINED));
         self.angular_unit(crs.unit);
-        self.short(2056, USER_DEFINED);
-        self.double(2057, crs.ellipsoid.a);
-        self.double(2059, crs.ellipsoid.inverse_flattening);
+        if datum.is_none() {
+            self.short(2056, USER_DEFINED);
+            self.double(2057, crs.ellipsoid.a);
+            self.double(2059, crs.ellipsoid.inverse_flattening);
+        }
+        if let Some(base) = base.filter(|base| base.meridian.1 != 0.0 && datum.is_none()) {
+            self.double(2061, base.meridian.1 * DEGREE / crs.unit);
+        }
     }
 
     fn angular_unit(&mut self, radians: f64) {
         if (radians.to_degrees() - 1.0).abs() < 1e-9 {
             self.short(2054, 9102);
+        } else if (radians.to_degrees() - 0.9).abs() < 1e-9 {
+            self.short(2054, 9105);
         } else if radians == 1.0 {
             self.short(2054, 9101);
         } else {

@@ -5,24 +5,27 @@
 //! the height. Blocks of a batch are compressed in parallel; the bytes do not depend on the number of threads.
 //!
 //! Everything goes to a file beside the target, which [`GeotiffWriter::finish`] renames: a writer dropped half-way
-//! leaves nothing behind. Not here: masks, overviews.
+//! leaves nothing behind. A mask lies between the blocks and has its directory behind them. Not here: overviews.
 
 mod block;
 mod directory;
 mod geo_tags;
+mod mask;
+mod stream;
 
-use std::fs::{self, File, OpenOptions};
-use std::io::{ErrorKind, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::geo::Geo;
+use crate::output::NewFile;
 use crate::sample::SampleType;
 use crate::source::Samples;
 use block::BlockGrid;
 use directory::{Tag, Value, tags};
+use mask::Mask;
+pub use stream::BlockEncoder;
 
 /// How blocks are compressed. Both codecs use a predictor: 2 for integers, 3 for floats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,6 +52,8 @@ pub struct GeotiffSpec<'a> {
     pub bands: u16,
     /// Value that means void (tag `GDAL_NODATA`).
     pub nodata: Option<f64>,
+    /// True if rows come with a mask, which then says alone what is void: GDAL does not look at `nodata` where there is one.
+    pub mask: bool,
     /// Where the raster lies. Its GeoKeys are written back as they are, or made from the EPSG code.
     pub geo: &'a Geo,
     /// GDAL scale: `real = band_offset + band_scale * sample`.
@@ -68,7 +73,7 @@ pub struct GeotiffSpec<'a> {
 }
 
 impl<'a> GeotiffSpec<'a> {
-    /// Deflated strips, no nodata value, scale 1, offset 0, no unit; nothing is overwritten.
+    /// Deflated strips, no nodata value, no mask, scale 1, offset 0, no unit; nothing is overwritten.
     pub fn new(width: u32, height: u32, sample_type: SampleType, geo: &'a Geo) -> Self {
         Self {
             width,
@@ -76,6 +81,7 @@ impl<'a> GeotiffSpec<'a> {
             sample_type,
             bands: 1,
             nodata: None,
+            mask: false,
             geo,
             band_scale: 1.0,
             band_offset: 0.0,
@@ -92,6 +98,8 @@ impl<'a> GeotiffSpec<'a> {
 const BIGTIFF_FROM: u64 = 3993 << 20;
 /// Bytes of samples that are gathered before they are compressed, in parallel and together.
 const BATCH_BYTES: u64 = 8 << 20;
+/// Bytes for the place of a block: while others are written, and in the directory as it is made.
+const INDEX: u64 = 80;
 
 /// Writes one GeoTIFF; see the module.
 ///
@@ -120,11 +128,19 @@ pub struct GeotiffWriter {
     pending: Vec<u8>,
     batch_rows: u32,
     rows_taken: u32,
-    /// Place and size of each block written so far.
+    /// Place and size of each block written so far; of a sparse file of each that it can have.
     blocks: Vec<(u64, u64)>,
+    sparse: bool,
+    mask: Option<Mask>,
     /// Where the next block goes.
     position: u64,
-    output: Output,
+    output: NewFile,
+}
+
+/// Rows that are written at a time: whole blocks, of [`BATCH_BYTES`] if they are not larger.
+fn batch_rows(grid: &BlockGrid) -> u32 {
+    let block = u64::from(grid.block_height);
+    ((BATCH_BYTES / grid.row_bytes() / block).max(1) * block).min(grid.height.into()) as u32
 }
 
 impl GeotiffWriter {
@@ -136,16 +152,40 @@ impl GeotiffWriter {
     pub fn create(path: impl Into<PathBuf>, spec: &GeotiffSpec) -> Result<Self> {
         let path = path.into();
         let grid = BlockGrid::new(spec).map_err(|error| error.at(&path))?;
-        let data_bytes = grid.total_bytes();
+        Self::begin(path, spec, grid)
+    }
+
+    /// Begins a file of tiles that come in any order, by [`GeotiffWriter::put_block`]: those that do not are not in the file, and are void.
+    ///
+    /// # Errors
+    /// As [`GeotiffWriter::create`].
+    pub fn create_sparse(path: impl Into<PathBuf>, spec: &GeotiffSpec) -> Result<Self> {
+        let path = path.into();
+        let grid = BlockGrid::of_blocks(spec).map_err(|error| error.at(&path))?;
+        let mut writer = Self::begin(path, spec, grid)?;
+        writer.blocks = directory::zero_index(writer.grid.count());
+        writer.sparse = true;
+        Ok(writer)
+    }
+
+    /// Bytes of memory that writing a file of rows takes at most, beside the rows that it is given: a batch of them, as blocks and as the
+    /// file has them, and the place of each block.
+    pub fn memory(spec: &GeotiffSpec) -> u64 {
+        let Ok(grid) = BlockGrid::of_blocks(spec) else { return 0 };
+        let batch = u64::from(batch_rows(&grid)) * grid.row_bytes();
+        batch.saturating_mul(5).saturating_add(grid.count().saturating_mul(INDEX))
+    }
+
+    fn begin(path: PathBuf, spec: &GeotiffSpec, grid: BlockGrid) -> Result<Self> {
+        let mask_bytes = if spec.mask { u64::from(spec.width / 8 + 1) * u64::from(spec.height) } else { 0 };
+        let data_bytes = grid.total_bytes().saturating_add(mask_bytes);
         let big = spec.bigtiff.unwrap_or(data_bytes >= BIGTIFF_FROM);
         let mut tags = grid.tags(spec.compression);
         tags.extend(geo_tags::tags(spec));
         let index = directory::zero_index(grid.count());
-        let position = directory::encode(&tags, &index, grid.tiled, big).len() as u64;
-        let batch_rows = (BATCH_BYTES / grid.row_bytes() / u64::from(grid.block_height)).max(1)
-            * u64::from(grid.block_height);
-        let batch_rows = batch_rows.min(u64::from(spec.height)) as u32;
-        let mut output = Output::create(path, spec.force)?;
+        let position = directory::encode(&tags, &index, grid.tiled, big, None).len() as u64;
+        let batch_rows = batch_rows(&grid);
+        let mut output = NewFile::create(path, spec.force)?;
         output.seek(position)?;
         Ok(Self {
             grid,
@@ -156,6 +196,8 @@ impl GeotiffWriter {
             batch_rows,
             rows_taken: 0,
             blocks: Vec::new(),
+            sparse: false,
+            mask: spec.mask.then(|| Mask::new((spec.width, spec.height), batch_rows)),
             position,
             output,
         })
@@ -164,8 +206,20 @@ impl GeotiffWriter {
     /// Appends whole rows: a multiple of the width (times the bands), in the type of the spec.
     ///
     /// # Errors
-    /// [`Error::Usage`] for samples of another type, for a part of a row, and for more rows than the spec says.
+    /// [`Error::Usage`] for samples of another type, for a part of a row, for more rows than the spec says, and if it wants a mask.
     pub fn write_rows(&mut self, samples: &Samples) -> Result<()> {
+        self.take(samples, None)
+    }
+
+    /// [`GeotiffWriter::write_rows`] with a mask, true where a pixel is valid, of which the spec must have told.
+    ///
+    /// # Errors
+    /// As there, and for a mask of another size.
+    pub fn write_masked_rows(&mut self, samples: &Samples, valid: &[bool]) -> Result<()> {
+        self.take(samples, Some(valid))
+    }
+
+    fn take(&mut self, samples: &Samples, valid: Option<&[bool]>) -> Result<()> {
         let (sample_type, count) = (samples.sample_type(), samples.len());
         if sample_type != self.grid.sample_type {
             return Err(Error::usage(format!(
@@ -182,11 +236,18 @@ impl GeotiffWriter {
                 "{count} samples do not fit a GeoTIFF of rows of {width} samples with {rows_left} rows to come"
             )));
         }
+        let (across, pixels) = (self.grid.width as usize, count / usize::from(self.grid.bands));
+        if valid.map(<[bool]>::len) != self.mask.as_ref().map(|_| pixels) {
+            return Err(Error::usage("a GeoTIFF takes a mask with all of its rows, or with none"));
+        }
         let mut taken = 0;
         while taken < rows as usize {
             let pending_rows = (self.pending.len() as u64 / self.grid.row_bytes()) as usize;
             let take = (self.batch_rows as usize - pending_rows).min(rows as usize - taken);
             block::append_le_bytes(samples, taken * width..(taken + take) * width, &mut self.pending);
+            if let (Some(mask), Some(valid)) = (&mut self.mask, valid) {
+                mask.take(&valid[taken * across..(taken + take) * across]);
+            }
             taken += take;
             self.rows_taken += take as u32;
             if pending_rows + take == self.batch_rows as usize || self.rows_taken == self.grid.height {
@@ -201,17 +262,28 @@ impl GeotiffWriter {
     /// # Errors
     /// [`Error::Usage`] if rows are missing or if the target has come into being meanwhile.
     pub fn finish(mut self) -> Result<u64> {
-        if self.rows_taken != self.grid.height {
+        if self.rows_taken != self.grid.height && !self.sparse {
             return Err(Error::usage(format!(
                 "the GeoTIFF was to have {} rows, and was given {}",
                 self.grid.height, self.rows_taken
             )));
         }
-        let front = directory::encode(&self.tags, &self.blocks, self.grid.tiled, self.big);
+        let next = self.finish_mask()?;
+        let front = directory::encode(&self.tags, &self.blocks, self.grid.tiled, self.big, next);
         self.output.seek(0)?;
-        self.output.write(&front)?;
+        self.output.put(&front)?;
         self.output.commit()?;
         Ok(self.position)
+    }
+
+    /// Writes the directory of the mask behind all blocks; gives its place.
+    fn finish_mask(&mut self) -> Result<Option<u64>> {
+        let Some(mask) = &self.mask else { return Ok(None) };
+        let place = self.position.next_multiple_of(8);
+        let mut bytes = vec![0; (place - self.position) as usize];
+        bytes.extend(directory::another(&mask.tags(), &mask.strips, self.big, place));
+        self.append(&bytes)?;
+        Ok(Some(place))
     }
 
     /// Compresses the pending rows, all at once, and writes the blocks in order.
@@ -221,88 +293,48 @@ impl GeotiffWriter {
             .into_par_iter()
             .map(|index| block::encode(&self.grid, self.compression, &self.pending, rows, index))
             .collect::<std::io::Result<_>>()
-            .map_err(|source| Error::io(&self.output.path, "compress a block", source))?;
+            .map_err(|source| Error::io(self.output.path(), "compress a block", source))?;
         self.pending.clear();
         for block in blocks {
-            let bytes = block.len() as u64;
-            if !self.big && self.position + bytes > u64::from(u32::MAX) {
-                return Err(Error::limit(
-                    "size of a TIFF without 64-bit offsets",
-                    self.position + bytes,
-                    1 << 32,
-                )
-                .at(&self.output.path));
-            }
-            self.output.write(&block)?;
-            self.blocks.push((self.position, bytes));
-            self.position += bytes;
+            let place = self.append(&block)?;
+            self.blocks.push(place);
+        }
+        if let Some(mask) = &mut self.mask {
+            let strip = mask.strip();
+            let strip = strip.map_err(|source| Error::io(self.output.path(), "compress the mask", source))?;
+            let place = self.append(&strip)?;
+            self.mask.iter_mut().for_each(|mask| mask.strips.push(place));
         }
         Ok(())
     }
-}
 
-/// A file under a temporary name beside its target; removed on drop unless committed.
-#[derive(Debug)]
-struct Output {
-    path: PathBuf,
-    temporary: PathBuf,
-    file: File,
-    force: bool,
-    committed: bool,
-}
-
-impl Output {
-    fn create(path: PathBuf, force: bool) -> Result<Self> {
-        refuse_existing(&path, force)?;
-        let name = path
-            .file_name()
-            .ok_or_else(|| Error::usage(format!("{}: this is no file name", path.display())))?
-            .to_string_lossy()
-            .into_owned();
-        for attempt in 0_u32.. {
-            let temporary = path.with_file_name(format!(".{name}.{}-{attempt}.part", std::process::id()));
-            match OpenOptions::new().write(true).create_new(true).open(&temporary) {
-                Ok(file) => return Ok(Self { path, temporary, file, force, committed: false }),
-                Err(error) if error.kind() == ErrorKind::AlreadyExists && attempt < 1000 => {}
-                Err(error) => return Err(Error::io(path, "create the file", error)),
-            }
+    /// Appends the bytes of a block; gives its place and size.
+    fn append(&mut self, block: &[u8]) -> Result<(u64, u64)> {
+        let bytes = block.len() as u64;
+        if !self.big && self.position + bytes > u64::from(u32::MAX) {
+            return Err(Error::limit(
+                "size of a TIFF without 64-bit offsets",
+                self.position + bytes,
+                1 << 32,
+            )
+            .at(self.output.path()));
         }
-        Err(Error::usage(format!("{}: no free name for a temporary file beside it", path.display())))
+        self.output.put(block)?;
+        let place = (self.position, bytes);
+        self.position += bytes;
+        Ok(place)
     }
 
-    fn seek(&mut self, position: u64) -> Result<()> {
-        let sought = self.file.seek(SeekFrom::Start(position));
-        sought.map(drop).map_err(|error| Error::io(&self.path, format!("seek to byte {position}"), error))
-    }
-
-    fn write(&mut self, bytes: &[u8]) -> Result<()> {
-        let written = self.file.write_all(bytes);
-        written.map_err(|error| Error::io(&self.path, format!("write {} bytes", bytes.len()), error))
-    }
-
-    fn commit(&mut self) -> Result<()> {
-        self.file.sync_all().map_err(|error| Error::io(&self.path, "write to disk", error))?;
-        refuse_existing(&self.path, self.force)?;
-        let renamed = fs::rename(&self.temporary, &self.path);
-        renamed.map_err(|error| Error::io(&self.path, "give the finished file its name", error))?;
-        self.committed = true;
+    /// Writes what [`BlockEncoder::finish`] gave as the tile of a number, row by row from the north-west.
+    pub fn put_block(&mut self, number: u64, block: &[u8]) -> Result<()> {
+        let count = self.blocks.len();
+        let number = usize::try_from(number).unwrap_or(usize::MAX);
+        if !self.sparse || self.blocks.get(number).is_none_or(|place| place.1 > 0) {
+            return Err(Error::usage(format!(
+                "tile {number} of {count} of this GeoTIFF is there, or cannot be"
+            )));
+        }
+        self.blocks[number] = self.append(block)?;
         Ok(())
     }
-}
-
-impl Drop for Output {
-    fn drop(&mut self) {
-        if !self.committed {
-            // Nothing can be done, nor needs to be said, if it cannot be removed.
-            drop(fs::remove_file(&self.temporary));
-        }
-    }
-}
-
-/// An error if there is something at `path` that must not be replaced.
-fn refuse_existing(path: &Path, force: bool) -> Result<()> {
-    if !force && fs::symlink_metadata(path).is_ok() {
-        return Err(Error::usage(format!("{}: exists already; use --force to replace it", path.display())));
-    }
-    Ok(())
 }
