@@ -51,6 +51,7 @@ pub mod hillshade;
 pub mod imagery;
 pub mod limits;
 pub mod observed;
+pub mod output;
 pub mod patch;
 pub mod pipeline;
 pub mod sample;
@@ -60,6 +61,7 @@ pub mod source;
 mod states;
 pub mod surface;
 pub mod texel;
+pub mod text;
 pub mod tile;
 pub mod verify;
 

@@ -273,7 +273,7 @@ fn a_dry_run_writes_nothing_and_counts_right() {
     assert_eq!(names(folder.path()), Vec::<String>::new());
     let plan: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(plan["most_tiles"], 17);
-    assert_eq!(plan["levels"], 3);
+    assert_eq!(plan["level_count"], 3);
 }
 
 /// Reading a table into `head` must not be an error.

@@ -41,13 +41,19 @@ fn inputs(folder: &Path) -> Vec<String> {
 fn bad_inputs_are_told_and_passed_over() {
     let folder = tempfile::tempdir().expect("folder");
     let inputs = inputs(folder.path());
-    let mut args = vec!["build", "--each", "out", "--verify"];
+    let mut args = vec!["build", "--each", "out", "--verify", "--progress", "none"];
     args.extend(inputs.iter().map(String::as_str));
     let output = relevo(folder.path(), &args);
     let (said, told) = (text(&output.stdout), text(&output.stderr));
     assert_eq!(output.status.code(), Some(2), "{told}");
     assert!(said.contains("5 built, 3 failed in "), "{said}");
+    let record = fs::read_to_string(folder.path().join("out/relevo-each.jsonl")).expect("record");
     for name in ["short.tif", "words.tif", "gone.tif"] {
+        // Told once, and kept in the record.
+        assert_eq!(told.lines().filter(|line| line.contains(name)).count(), 1, "{told}");
+        let kept: Vec<Value> = record.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+        let failed = kept.iter().find(|entry| entry["failed"] == name).expect("in the record");
+        assert!(failed["error"].as_str().is_some_and(|error| error.contains(name)), "{failed}");
         assert!(
             told.contains(name) && said.lines().any(|l| l.contains(name) && l.ends_with("failed")),
             "{said}"
@@ -84,7 +90,7 @@ fn resume_passes_over_what_is_done_and_unchanged() {
             .map(Vec::as_slice)
             .unwrap_or_default()
             .iter()
-            .map(|file| format!("{} {}", file["input"], file["status"]).replace('"', ""))
+            .map(|file| format!("{} {}", file["sources"][0], file["status"]).replace('"', ""))
             .collect();
         states.sort();
         (output.status.code(), states)
@@ -120,9 +126,12 @@ fn what_cannot_be_is_refused_at_once() {
     inputs(folder.path());
     fs::create_dir(folder.path().join("other")).expect("folder");
     fs::copy(folder.path().join("a.tif"), folder.path().join("other/a.tif")).expect("copy");
+    fs::create_dir(folder.path().join("nothing")).expect("folder");
+    fs::write(folder.path().join("nothing/a.rlv"), "none").expect("file");
     fs::write(folder.path().join("empty.txt"), "# nothing\n").expect("list");
     for (args, word) in [
-        (&["a.tif", "other/a.tif"][..], "would both become"),
+        (&["a.tif", "./a.tif"][..], "would both become"),
+        (&["nothing"], "rasters (.tif"),
         (&["@empty.txt"], "one name a line"),
         (&["@missing.txt"], "missing.txt"),
         (&["a.tif", "-o", "x.rlv"], "cannot be used with"),
@@ -133,4 +142,30 @@ fn what_cannot_be_is_refused_at_once() {
         assert!(told.contains(word), "{args:?}: {told}");
         assert!(!folder.path().join("out").exists());
     }
+}
+
+#[test]
+fn a_folder_stands_for_its_rasters_and_names_tell_folders_apart() {
+    let folder = tempfile::tempdir().expect("folder");
+    let small = fixture("rmnp_dem_uint16.tif");
+    for path in ["north/deep", "south"] {
+        fs::create_dir_all(folder.path().join(path)).expect("folder");
+    }
+    for path in ["north/n1.tif", "north/n2.TIF", "north/deep/n3.tif", "north/.hidden.tif", "south/n1.tif"] {
+        fs::copy(&small, folder.path().join(path)).expect("copy");
+    }
+    fs::write(folder.path().join("north/notes.txt"), "no raster").expect("file");
+    fs::write(folder.path().join("north/n1.tif.aux.xml"), "<PAMDataset/>").expect("file");
+    let built = relevo(folder.path(), &["build", "--each", "out", "north", "south/n1.tif"]);
+    assert!(built.status.success(), "{}", text(&built.stderr));
+    let mut left: Vec<_> = fs::read_dir(folder.path().join("out"))
+        .expect("out")
+        .map(|entry| entry.expect("entry").file_name().to_string_lossy().into_owned())
+        .collect();
+    left.sort();
+    assert_eq!(left, ["n2.rlv", "north-n1.rlv", "relevo-each.jsonl", "south-n1.rlv"]);
+    // A batch that was made with these names is whole.
+    let again = relevo(folder.path(), &["build", "--each", "out", "north", "south/n1.tif", "--resume"]);
+    assert!(text(&again.stdout).contains("0 built, 3 unchanged"), "{}", text(&again.stdout));
+    assert_eq!(again.status.code(), Some(0));
 }

@@ -8,18 +8,19 @@ use relevo::Error;
 use relevo::pipeline::imagery::{self, AddReport, LayerOptions, LayerReport};
 use serde_json::json;
 
-use crate::cli::Outcome;
 use crate::cli::build::size;
 use crate::cli::imagery::Imagery;
 use crate::cli::progress::{Mode, Show};
-use crate::cli::table::{Table, bytes, grouped, seconds, short};
+use crate::cli::table::{Table, bytes, count, plural, seconds, short, wrapped};
+use crate::cli::{Outcome, json, shown, voice};
 
 /// Put imagery into a .rlv file, or other imagery in its place; the heights stay as they are
 #[derive(clap::Args)]
 pub struct Args {
     /// The .rlv file. Until all is done it stays as it is
+    #[arg(value_name = "FILE.rlv")]
     file: PathBuf,
-    /// Threads [default: one for each core]
+    /// Threads that work at the same time [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
     /// Keep within this much memory (256MiB, 2GiB); slower then if parts of pictures have to be decoded again
@@ -41,19 +42,21 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return Err(Error::usage("which pictures? name them: --imagery FILE...").into());
     }
     let show = Show::new(args.progress);
-    let pictures = |crs: &relevo::geo::Crs| args.imagery.open(crs);
+    let pictures = |crs: &relevo::geo::Crs| args.imagery.open(crs, args.memory);
     let means = (args.jobs.map(usize::from), args.memory);
     let report = imagery::add(&args.file, &pictures, &layer_options(&args.imagery)?, means, &show);
     show.finish();
     let report = report.map_err(|error| match error {
-        Error::Interrupted => Error::usage(format!("interrupted; {} is as it was", args.file.display())),
+        Error::Interrupted => Error::usage(format!("interrupted; {} is as it was", shown(&args.file))),
         other => other,
     })?;
     if args.json {
-        let json = json(args, &report);
-        serde_json::to_writer_pretty(&mut *out, &json).map_err(std::io::Error::from)?;
-        writeln!(out)?;
-    } else {
+        let all = json!({
+            "file": json::path(&args.file), "bytes": report.file_bytes, "imagery": json::layer(&report.layer),
+            "seconds": report.elapsed.as_secs_f64(),
+        });
+        json::print(&json::object("add", all), out)?;
+    } else if !voice::quiet() {
         print(args, &report, out)?;
     }
     Ok(ExitCode::SUCCESS)
@@ -72,30 +75,33 @@ pub fn layer_options(imagery: &Imagery) -> Result<LayerOptions, Error> {
 fn print(args: &Args, report: &AddReport, out: &mut dyn Write) -> std::io::Result<()> {
     print_layer(&report.layer, out)?;
     let (size, time) = (bytes(report.file_bytes), seconds(report.elapsed.as_secs_f64()));
-    writeln!(out, "{}: {size} in all, made in {time}", args.file.display())
+    writeln!(out, "{}", wrapped(&format!("{}: {size} in all, made in {time}", shown(&args.file)), 2))
 }
 
 /// Says what a layer has become.
 pub fn print_layer(layer: &LayerReport, out: &mut dyn Write) -> std::io::Result<()> {
     let header = &layer.header;
-    let tiles = if header.tiles == 1 { "1 tile".to_owned() } else { grouped(header.tiles) + " tiles" };
-    writeln!(out, "imagery: {}, {tiles} of {} texels, {}", bytes(layer.bytes), header.tile, header.codec)?;
+    let tiles = plural(header.tiles, "tile", "tiles");
+    let head =
+        format!("imagery: {}, {tiles} of {} texels, {}", bytes(layer.bytes), header.tile, header.codec);
+    writeln!(out, "{}", wrapped(&head, 2))?;
     for picture in &layer.pyramid.pictures {
         let (note, level) = (&picture.note, picture.level);
         let how = rule(&note.bands, &note.stretch);
-        writeln!(out, "  {}: level {level}; {}{how}", note.name, note.description)?;
+        let line = format!("  {}: level {level}; {}{how}", note.name, note.description);
+        writeln!(out, "{}", wrapped(&line, 4))?;
         if let Some(other) = better_tile(header.tile, picture.pixels_per_texel) {
             let (x, y) = picture.pixels_per_texel;
             let (x, y) = (short(x), short(y));
-            writeln!(
-                out,
+            let line = format!(
                 "    a texel is {x} x {y} pixels; --imagery-tile {other} would make them as large as each other"
-            )?;
+            );
+            writeln!(out, "{}", wrapped(&line, 6))?;
         }
     }
-    let mut table = Table::new(&["level", "tiles", "bytes"]);
+    let mut table = Table::new(&["level", "tiles", "size"]);
     for (level, &(tiles, size)) in layer.levels.iter().enumerate() {
-        table.row(vec![level.to_string(), grouped(tiles), bytes(size)]);
+        table.row(vec![level.to_string(), count(tiles), bytes(size)]);
     }
     table.print(out)
 }
@@ -117,23 +123,4 @@ pub fn rule(bands: &[u32], stretch: &[(f64, f64)]) -> String {
     let bands = (!taken_as_they_are).then(|| format!("; bands {}", bands.join(", ")));
     let stretch = (!ramps.is_empty()).then(|| format!("; stretched from {}", ramps.join(", ")));
     bands.into_iter().chain(stretch).collect()
-}
-
-fn json(args: &Args, report: &AddReport) -> serde_json::Value {
-    let mut json = layer_json(&report.layer);
-    json["file"] = json!(args.file);
-    json["bytes"] = json!(report.file_bytes);
-    json["seconds"] = json!(report.elapsed.as_secs_f64());
-    json
-}
-
-/// The same for machines.
-pub fn layer_json(layer: &LayerReport) -> serde_json::Value {
-    let levels: Vec<_> =
-        layer.levels.iter().map(|(tiles, bytes)| json!({"tiles": tiles, "bytes": bytes})).collect();
-    let header = &layer.header;
-    json!({
-        "imagery_bytes": layer.bytes, "codec": header.codec.as_str(), "tile": header.tile, "tiles": header.tiles,
-        "alpha": header.alpha, "levels": levels, "pictures": layer.pyramid.pictures.len(),
-    })
 }

@@ -7,18 +7,23 @@ use std::time::Duration;
 
 use relevo::Error;
 use relevo::container::layout::Metric;
+use relevo::output::check_apart;
 use relevo::pipeline::imagery::Imagery as Layer;
 use relevo::pipeline::reach::Extent;
-use relevo::pipeline::{self, BuildOptions, Plan, Report};
+use relevo::pipeline::{self, BuildOptions, Report};
 use relevo::source::{self, SourceInfo};
 use serde_json::json;
 
-use crate::cli::add::{layer_json, layer_options, print_layer};
+use crate::cli::add::{layer_options, print_layer};
 use crate::cli::dem::{Dem, SourceArgs};
 use crate::cli::imagery::Imagery;
+use crate::cli::origins;
 use crate::cli::progress::{Mode, Show};
-use crate::cli::table::{bytes, grouped, seconds, short};
-use crate::cli::{Failure, Outcome, each, inputs, verify};
+use crate::cli::table::{bytes, plural, seconds, short, wrapped};
+use crate::cli::warnings::{say, told};
+use crate::cli::{Failure, Outcome, each, inputs, json, shown, verify, voice};
+
+mod dry;
 
 /// Make a .rlv file from a DEM
 #[derive(clap::Args)]
@@ -29,7 +34,7 @@ pub struct Args {
     /// The file to make [default: the (first) DEM's name with .rlv, in the current folder]
     #[arg(short, long, value_name = "OUT.rlv")]
     output: Option<PathBuf>,
-    /// Every DEM to a file of its own in this folder; --resume passes over what is done and unchanged
+    /// Every DEM to a file of its own in this folder; of a folder, all rasters in it (not in folders within); --resume passes over what is done and unchanged
     #[arg(long, value_name = "OUTDIR", conflicts_with_all = ["output", "window", "dry_run"])]
     each: Option<PathBuf>,
     /// Intervals of a tile: a power of two, 16 to 1024
@@ -44,7 +49,7 @@ pub struct Args {
     /// Quantise heights to this many metres (off by at most half of it); lossless without
     #[arg(long, value_name = "M")]
     precision: Option<f64>,
-    /// Threads [default: one for each core]
+    /// Threads that work at the same time [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
     /// Replace OUT.rlv if it is there, and an unfinished build of it
@@ -62,7 +67,10 @@ pub struct Args {
     /// Build these tiles of the leaf level only, from column X0 and row Y0 up to X1 and Y1: OUT is then a piece for `relevo merge`
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = window, conflicts_with_all = ["dry_run", "verify", "json", "memory"])]
     window: Option<Extent>,
-    /// Say what would be made, and what it takes, without reading a sample
+    /// Make an error of what is warned of, before OUT.rlv is there
+    #[arg(long)]
+    strict: bool,
+    /// Say what would be made, and what time, memory and disk it takes; some tiles are tried for it, nothing is written
     #[arg(long)]
     dry_run: bool,
     /// Then check the file: checksums, structure, invariants, and every sample against the DEM
@@ -83,18 +91,7 @@ pub struct Args {
 /// Builds, or plans.
 pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let dem = Dem { dems: inputs::expand(&args.dem.dems)? };
-    let options = BuildOptions {
-        tile: args.tile,
-        patch: args.patch,
-        metric: if args.metric == "paper" { Metric::Paper } else { Metric::Bound },
-        precision_m: args.precision,
-        nodata: args.source.nodata,
-        jobs: args.jobs.map(usize::from),
-        force: args.force,
-        resume: args.resume,
-        memory: args.memory,
-        checkpoint: Some(Duration::from_secs_f64(args.checkpoint)),
-    };
+    let options = options(args, &dem);
     if (args.each.is_some() || args.window.is_some()) && !args.imagery.files.is_empty() {
         let what = "--imagery goes with one whole file: put it into others by `relevo add`";
         return Err(Error::usage(what).into());
@@ -103,54 +100,115 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return each::run(args, &dem.dems, folder, &options, out);
     }
     let output = output(args, &dem)?;
+    if args.window.is_none() {
+        check_name(&output)?;
+    }
     let source = args.source.open(&dem.dems)?;
+    let warnings = told(&source.info().warnings);
+    say(&warnings);
+    if args.strict && !warnings.is_empty() {
+        return Err(strict(&warnings).into());
+    }
     let plan = pipeline::plan(source.info(), &options)?;
-    let pictures = args.imagery.open(&source.info().geo.crs)?;
+    let pictures = args.imagery.open(&source.info().geo.crs, args.memory)?;
     let layer = Layer { pictures: &pictures, options: layer_options(&args.imagery)? };
     let layer = Some(&layer).filter(|layer| !layer.pictures.is_empty());
     if args.dry_run {
-        let memory = memory((&plan, layer), &options)?;
-        return dry_run((args, &dem), source.info(), (&plan, memory), &output, out);
+        return dry::run((args, &dem), (&*source, layer), (&plan, &options), &output, out);
     }
     let show = Show::new(args.progress);
     if let Some(window) = &args.window {
         let done = pipeline::build_window(&*source, &output, window, &options, &show);
         show.finish();
         done.map_err(|error| failure(error, dem.first(), &output))?;
-        writeln!(out, "{}: tiles {window}, to be joined by `relevo merge`", output.display())?;
+        if !voice::quiet() {
+            let line = format!("{}: tiles {window}, to be joined by `relevo merge`", shown(&output));
+            writeln!(out, "{}", wrapped(&line, 2))?;
+        }
         return Ok(ExitCode::SUCCESS);
     }
     let report = pipeline::build_with(&*source, layer, &output, &options, &show);
     show.finish();
-    let report = report.map_err(|error| failure(error, dem.first(), &output))?;
-    if args.json {
-        serde_json::to_writer_pretty(&mut *out, &json(&report, &output)).map_err(std::io::Error::from)?;
-        writeln!(out)?;
-    } else {
-        writeln!(out, "{}", source_line(&dem, source.info()))?;
-        print(&report, &output, out)?;
-        if let Some(layer) = &report.imagery {
-            print_layer(layer, out)?;
-        }
-    }
+    let mut report = report.map_err(|error| failure(error, dem.first(), &output))?;
+    say(&told(&report.warnings[source.info().warnings.len()..]));
+    report.warnings = told(&report.warnings);
+    tell(args, (&dem, source.info()), (&report, &output), out)?;
     if args.verify {
-        writeln!(out)?;
-        return verify::run(&verify::Args::after_build(output, &dem, &args.source), out);
+        if !voice::quiet() {
+            writeln!(out)?;
+        }
+        return verify::run(&verify::Args::after_build(output, &dem, (&args.source, args.memory)), out);
     }
     Ok(ExitCode::SUCCESS)
 }
 
-/// Where to write: never over the DEM itself.
+/// What the command line asks for.
+fn options(args: &Args, dem: &Dem) -> BuildOptions {
+    BuildOptions {
+        tile: args.tile,
+        patch: args.patch,
+        metric: if args.metric == "paper" { Metric::Paper } else { Metric::Bound },
+        precision_m: args.precision,
+        // Of several files it has been applied to each as it was opened.
+        nodata: args.source.nodata.filter(|_| dem.dems.len() == 1 || args.each.is_some()),
+        strict: args.strict,
+        jobs: args.jobs.map(usize::from),
+        force: args.force,
+        resume: args.resume,
+        memory: args.memory,
+        checkpoint: Some(Duration::from_secs_f64(args.checkpoint)),
+    }
+}
+
+/// What becomes of warnings by `--strict`.
+pub fn strict(warnings: &[String]) -> Error {
+    let count =
+        if warnings.len() == 1 { "1 warning".to_owned() } else { format!("{} warnings", warnings.len()) };
+    Error::usage(format!("{count}, an error by --strict: nothing is built"))
+}
+
+/// Says what was made, as it was asked for.
+fn tell(
+    args: &Args,
+    (dem, info): (&Dem, &SourceInfo),
+    (report, output): (&Report, &Path),
+    out: &mut dyn Write,
+) -> std::io::Result<()> {
+    if args.json {
+        let sources = json!({ "sources": json::paths(&dem.dems) });
+        return json::print(&json::object("build", json::joined([sources, json(report, output)])), out);
+    }
+    if voice::quiet() {
+        return Ok(());
+    }
+    writeln!(out, "{}", source_line(dem, info))?;
+    print(report, output, out)?;
+    report.imagery.as_ref().map_or(Ok(()), |layer| print_layer(layer, out))
+}
+
+/// Where to write: never over what is named on the command line. What that reads in its turn the library knows.
 fn output(args: &Args, dem: &Dem) -> Result<PathBuf, Error> {
     let output = match &args.output {
         Some(path) => path.clone(),
         None => output_name(dem.first()),
     };
-    let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
-    if dem.dems.iter().any(|dem| same(&output, dem)) {
-        return Err(Error::usage(format!("{}: input and output are the same file", output.display())));
-    }
+    check_apart(&output, &named_inputs(args, &dem.dems))?;
     Ok(output)
+}
+
+/// Everything that the command line names to be read.
+pub(super) fn named_inputs(args: &Args, dems: &[PathBuf]) -> Vec<PathBuf> {
+    let lists = inputs::lists(&args.dem.dems);
+    lists.into_iter().chain(dems.iter().chain(&args.imagery.files).cloned()).collect()
+}
+
+/// Fails unless a file of this name is what is made: another suffix would promise another format.
+pub fn check_name(output: &Path) -> Result<(), Error> {
+    if output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("rlv")) {
+        return Ok(());
+    }
+    let (name, right) = (shown(output), shown(&output.with_extension("rlv")));
+    Err(Error::usage(format!("{name}: expected a name that ends in .rlv, such as {right}")))
 }
 
 /// Name of the file that is made of a DEM unless told otherwise.
@@ -204,59 +262,8 @@ fn interval(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Bytes of memory that a build takes at most: its imagery is made when its heights are done.
-fn memory((plan, layer): (&Plan, Option<&Layer<'_>>), options: &BuildOptions) -> Result<u64, Error> {
-    let heights = plan.memory_estimate(options)?;
-    let Some(layer) = layer else { return Ok(heights) };
-    layer.check(&plan.ground())?;
-    layer.keep_within(&plan.ground(), plan.jobs, options.memory)?;
-    let most = *layer.memory(&plan.ground(), plan.jobs)?.end();
-    Ok(heights.max(options.memory.map_or(most, |limit| most.min(limit))))
-}
-
-fn dry_run(
-    (args, dem): (&Args, &Dem),
-    info: &SourceInfo,
-    (plan, memory): (&Plan, u64),
-    output: &Path,
-    out: &mut dyn Write,
-) -> Outcome {
-    let tiles = plan.most_tiles();
-    let disk = plan.disk_estimate(info.sample_type);
-    if args.json {
-        let plan = json!({
-            "source": dem.dems, "output": output, "description": info.description,
-            "columns": plan.width, "rows": plan.height, "sample_type": info.sample_type,
-            "levels": plan.levels + 1, "most_tiles": tiles.iter().sum::<u64>(), "most_tiles_by_level": tiles,
-            "memory_bytes": memory, "disk_bytes": disk, "work_folder_bytes": 2 * disk,
-        });
-        serde_json::to_writer_pretty(&mut *out, &plan).map_err(std::io::Error::from)?;
-        writeln!(out)?;
-        return Ok(ExitCode::SUCCESS);
-    }
-    writeln!(out, "{}", source_line(dem, info))?;
-    writeln!(out, "{}: nothing is written (--dry-run)", output.display())?;
-    let each: Vec<String> = tiles.iter().map(ToString::to_string).collect();
-    writeln!(
-        out,
-        "  levels   {} (0 to {}), at most {} tiles each",
-        tiles.len(),
-        plan.levels,
-        each.join(", ")
-    )?;
-    writeln!(out, "  tiles    at most {} of {} x {}", grouped(tiles.iter().sum()), plan.tile, plan.tile)?;
-    writeln!(
-        out,
-        "  memory   about {} on {} threads, and what the system keeps of the input",
-        bytes(memory),
-        plan.jobs
-    )?;
-    let (file, work) = (bytes(disk), bytes(2 * disk));
-    writeln!(out, "  disk     about {file} (typical terrain), {work} while it is being made")?;
-    Ok(ExitCode::SUCCESS)
-}
-
-fn source_line(dem: &Dem, info: &SourceInfo) -> String {
+/// What a raster is, in a line.
+pub fn source_line(dem: &Dem, info: &SourceInfo) -> String {
     let crs = &info.geo.crs;
     let place = match (crs.epsg, crs.name.is_empty(), info.geo.transform) {
         (Some(code), _, _) => format!("EPSG:{code}"),
@@ -265,7 +272,8 @@ fn source_line(dem: &Dem, info: &SourceInfo) -> String {
         (None, true, None) => "not georeferenced".to_owned(),
     };
     let kind = info.sample_type.gdal_name();
-    format!("{}: {} x {} {kind}, {place}; {}", dem.name(), info.width, info.height, info.description)
+    let (width, height) = (info.width, info.height);
+    wrapped(&format!("{}: {width} x {height} {kind}, {place}; {}", dem.name(), info.description), 2)
 }
 
 /// Says what was made.
@@ -281,14 +289,18 @@ pub fn print(report: &Report, output: &Path, out: &mut dyn Write) -> std::io::Re
     } else {
         String::new()
     };
-    writeln!(
-        out,
+    let line = format!(
         "{}: {with}{}, {} bits a sample, {} of the raw samples",
-        output.display(),
+        shown(output),
         bytes(length),
         short(length as f64 * 8.0 / samples),
         percent(length as f64 / (samples * header.source_type.bytes() as f64)),
-    )?;
+    );
+    writeln!(out, "{}", wrapped(&line, 2))?;
+    if let Some(origins) = origins::line(&report.origins) {
+        writeln!(out, "{}", wrapped(&format!("  found in {origins}"), 2))?;
+    }
+    writeln!(out)?;
     crate::cli::stats::levels_table(&report.statistics, header, out)?;
     let time = report.elapsed.as_secs_f64();
     let kept = if header.quantisation_error > 0.0 {
@@ -300,9 +312,9 @@ pub fn print(report: &Report, output: &Path, out: &mut dyn Write) -> std::io::Re
         "lossless".to_owned()
     };
     let rate = short(samples / time / 1e6);
-    let tiles =
-        if header.tile_count == 1 { "1 tile".to_owned() } else { grouped(header.tile_count) + " tiles" };
-    writeln!(out, "{tiles} in {}, {rate} million samples a second; {kept}", seconds(time))
+    let tiles = plural(header.tile_count, "tile", "tiles");
+    let line = format!("{tiles} in {}, {rate} million samples a second; {kept}", seconds(time));
+    writeln!(out, "\n{}", wrapped(&line, 2))
 }
 
 fn percent(share: f64) -> String {
@@ -311,11 +323,11 @@ fn percent(share: f64) -> String {
 
 /// The same for machines.
 pub fn json(report: &Report, output: &Path) -> serde_json::Value {
-    let header = &report.header;
-    json!({
-        "output": output, "bytes": report.file.file_bytes, "columns": header.width, "rows": header.height,
-        "sample_type": header.source_type.gdal_name(), "metric": header.metric.as_str(), "tiles": header.tile_count,
-        "seconds": report.elapsed.as_secs_f64(), "statistics": report.statistics,
-        "imagery": report.imagery.as_ref().map(layer_json),
-    })
+    let head = json!({ "file": json::path(output), "status": "built", "bytes": report.file.file_bytes });
+    let rest = json!({
+        "seconds": report.elapsed.as_secs_f64(), "origins": report.origins,
+        "statistics": json::statistics(&report.statistics),
+        "imagery": report.imagery.as_ref().map(json::layer), "warnings": report.warnings,
+    });
+    json::joined([head, json::lattice(&report.header), rest])
 }

@@ -2,15 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::cli::shown;
 use relevo::Error;
 use relevo::limits::Limits;
+use relevo::source::cropped::Bbox;
 use relevo::source::warp::{Resampling, Warp};
 use relevo::source::{self, OpenOptions, Overlap, Source, unit};
 
 /// The rasters.
 #[derive(clap::Args, Clone)]
 pub struct Dem {
-    /// The DEM, or several that become one: TIFF, .vrt and .hgt files on one grid, in any order (any rasters of GDAL's if built with --features gdal); @LIST names files, one a line
+    /// The DEM, or several that become one: TIFF, .vrt and .hgt files (also gzipped) on one grid, in any order (any rasters of GDAL's if built with --features gdal); @LIST names files, one a line, @- reads such a list
     #[arg(value_name = "DEM", required = true)]
     pub dems: Vec<PathBuf>,
 }
@@ -24,8 +26,8 @@ impl Dem {
     /// One of them by name, of many the first and how many more.
     pub fn name(&self) -> String {
         match self.dems.len() {
-            0 | 1 => self.first().display().to_string(),
-            count => format!("{} and {} more", self.first().display(), count - 1),
+            0 | 1 => shown(self.first()),
+            count => format!("{} and {} more", shown(self.first()), count - 1),
         }
     }
 }
@@ -37,6 +39,9 @@ pub struct SourceArgs {
     /// Value that means void, instead of what the files say
     #[arg(long, value_name = "V", allow_hyphen_values = true)]
     pub nodata: Option<f64>,
+    /// The band that has the heights, from 1 [default: the first]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub band: Option<u32>,
     /// Which sample counts where files overlap; a void never hides a valid one (within a .vrt it is the last)
     #[arg(long, value_name = "first|last|min|max|mean", default_value = "last", value_parser = overlap, hide_possible_values = true)]
     pub overlap: Overlap,
@@ -55,6 +60,12 @@ pub struct SourceArgs {
     /// How warping makes a sample of those around it: near, bilinear, cubic, cubicspline, lanczos or average [default: bilinear]
     #[arg(long, value_name = "METHOD", value_parser = resampling)]
     pub resampling: Option<Resampling>,
+    /// The part of the DEM that this box touches, in coordinates of the DEM; over the antimeridian W is above E
+    #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true, value_parser = bounds)]
+    pub bbox: Option<[f64; 4]>,
+    /// The coordinates of --bbox, such as EPSG:4326 for longitude and latitude [default: those of the DEM]
+    #[arg(long, value_name = "EPSG:N|WKT", requires = "bbox")]
+    pub bbox_crs: Option<String>,
 }
 
 impl SourceArgs {
@@ -63,6 +74,7 @@ impl SourceArgs {
         let warped = self.crs.is_some() || self.resolution.is_some() || self.resampling.is_some();
         OpenOptions {
             nodata: self.nodata,
+            band: self.band,
             overlap: self.overlap,
             vertical_unit: self.vertical_unit.clone(),
             depth: self.depth,
@@ -71,12 +83,26 @@ impl SourceArgs {
                 resolution: self.resolution,
                 resampling: self.resampling.unwrap_or_default(),
             }),
+            bbox: self.bbox.map(|bounds| Bbox { bounds, crs: self.bbox_crs.clone() }),
         }
     }
 
     /// Opens the rasters as one.
     pub fn open(&self, dems: &[PathBuf]) -> Result<Box<dyn Source>, Error> {
         source::open_all(dems, &self.options(), &Limits::default())
+    }
+}
+
+/// `--bbox W,S,E,N`.
+pub(super) fn bounds(text: &str) -> Result<[f64; 4], String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[west, south, east, north])
+            if [west, south, east, north].iter().all(|x| x.is_finite()) && west != east && south < north =>
+        {
+            Ok([west, south, east, north])
+        }
+        _ => Err("expected four numbers W,S,E,N (west, south, east, north) with S below N".to_owned()),
     }
 }
 

@@ -3,7 +3,6 @@
 //! Small inputs are built side by side, each on one thread, the largest first; an input that would leave the others waiting is built on all
 //! threads, before them. A record beside the outputs says what was made of what, for `--resume`.
 
-use std::collections::HashMap;
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -14,6 +13,7 @@ use std::time::Instant;
 
 use relevo::Error;
 use relevo::container::reader::Reader;
+use relevo::output::Inputs;
 use relevo::pipeline::{self, BuildOptions, Observer, Report, Stage};
 use relevo::verify::{VerifyOptions, verify};
 use serde_json::json;
@@ -21,9 +21,11 @@ use serde_json::json;
 use crate::cli::build::{self, failure};
 use crate::cli::dem::SourceArgs;
 use crate::cli::progress::Show;
-use crate::cli::table::{Table, bytes, grouped, seconds};
-use crate::cli::{Outcome, stopped};
+use crate::cli::table::{Table, bytes, count, seconds};
+use crate::cli::warnings::{self, told};
+use crate::cli::{Outcome, inputs, json, shown, stopped, voice};
 
+mod names;
 mod record;
 
 use record::Record;
@@ -70,7 +72,8 @@ pub fn run(
     out: &mut dyn Write,
 ) -> Outcome {
     let start = Instant::now();
-    let mut jobs = jobs(inputs, folder)?;
+    let inputs = inputs::of_folders(inputs)?;
+    let mut jobs = jobs(&inputs, &Inputs::new(&build::named_inputs(args, &inputs)), folder)?;
     // The largest first, so that no long one is left for the end.
     jobs.sort_by(|a, b| b.weight.cmp(&a.weight).then_with(|| a.input.cmp(&b.input)));
     fs::create_dir_all(folder).map_err(|source| Error::io(folder, "make the folder", source))?;
@@ -91,31 +94,22 @@ pub fn run(
     let seconds = start.elapsed().as_secs_f64();
     if args.json {
         print_json(&jobs, &fates, seconds, out)?;
-    } else {
+    } else if !voice::quiet() {
         print(&jobs, &fates, seconds, out)?;
     }
     let good = fates.iter().all(|fate| matches!(fate, Fate::Built(_) | Fate::Unchanged));
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(2) })
 }
 
-/// The jobs; refuses two inputs that would be one output.
-fn jobs(inputs: &[PathBuf], folder: &Path) -> Result<Vec<Job>, Error> {
-    let mut outputs: HashMap<PathBuf, &Path> = HashMap::with_capacity(inputs.len());
-    let mut jobs = Vec::with_capacity(inputs.len());
-    for input in inputs {
-        let output = folder.join(build::output_name(input));
-        if let Some(other) = outputs.insert(output.clone(), input) {
-            return Err(Error::usage(format!(
-                "{} and {} would both become {}; build them into different folders",
-                other.display(),
-                input.display(),
-                output.display()
-            )));
-        }
+/// The jobs; none may write over what is read.
+fn jobs(inputs: &[PathBuf], read: &Inputs, folder: &Path) -> Result<Vec<Job>, Error> {
+    let outputs = names::outputs(inputs, folder)?;
+    let job = |(input, output): (&PathBuf, PathBuf)| {
         let weight = fs::metadata(input).map_or(1, |metadata| metadata.len().max(1));
-        jobs.push(Job { input: input.clone(), output, weight });
-    }
-    Ok(jobs)
+        read.check(&output)?;
+        Ok(Job { input: input.clone(), output, weight })
+    };
+    inputs.iter().zip(outputs).map(job).collect()
 }
 
 /// All that decides what is made of an input.
@@ -128,8 +122,7 @@ fn recipe(options: &BuildOptions, reading: &SourceArgs) -> Result<String, Error>
 impl Batch<'_> {
     /// Does all jobs, which stand by falling weight.
     fn run(&self, jobs: &[Job]) -> Vec<Fate> {
-        let threads =
-            self.options.jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+        let threads = pipeline::workers(self.options.jobs);
         // On one thread, a job that is more than its share would still run when all others are done.
         let share = self.total / (2 * threads as u64) + 1;
         let alone = jobs.partition_point(|job| job.weight > share);
@@ -160,10 +153,7 @@ impl Batch<'_> {
             return Fate::NotBegun;
         }
         let options = BuildOptions { jobs: Some(threads), memory, ..self.options.clone() };
-        let fate = self.make(index, job, &options).unwrap_or_else(|message| {
-            self.show.say(&format!("relevo: {message}"));
-            Fate::Failed(message)
-        });
+        let fate = self.make(index, job, &options).unwrap_or_else(|message| self.failed(job, message));
         self.done[index].store(job.weight, Ordering::Relaxed);
         let finished = self.finished.fetch_add(1, Ordering::Relaxed) + 1;
         self.show.note(&format!("{finished} of {} files", self.done.len()));
@@ -171,30 +161,55 @@ impl Batch<'_> {
         fate
     }
 
+    /// Tells of a failure, here and in the record.
+    fn failed(&self, job: &Job, message: String) -> Fate {
+        // Most messages begin with the name of the file.
+        let name = shown(&job.input);
+        let message = if message.contains(&name) { message } else { format!("{name}: {message}") };
+        self.show.aside(|| {
+            voice::error(&message);
+            if let Err(error) = self.record.add_failed(&job.input, &message) {
+                voice::warning(&error.to_string());
+            }
+        });
+        Fate::Failed(message)
+    }
+
     fn make(&self, index: usize, job: &Job, options: &BuildOptions) -> Result<Fate, String> {
         let input = std::slice::from_ref(&job.input);
         let named = |error: Error| failure(error, &job.input, &job.output).message();
         let source = self.reading.open(input).map_err(named)?;
         let fingerprint = source.fingerprint().map_err(named)?;
+        let warnings = told(&source.info().warnings);
         if options.resume && self.record.has(&job.output, &fingerprint, &self.recipe) {
             return Ok(Fate::Unchanged);
+        }
+        self.warn(&warnings);
+        if options.strict && !warnings.is_empty() {
+            return Err(format!("{}: {}", job.input.display(), build::strict(&warnings)));
         }
         // What a resumed batch finds there is of another input, or was made with other options.
         let force = options.force || (options.resume && job.output.exists());
         let options = BuildOptions { force, ..options.clone() };
         let share = Share { batch: self, index, weight: job.weight };
-        let report = pipeline::build(&*source, &job.output, &options, &share).map_err(named)?;
+        let mut report = pipeline::build(&*source, &job.output, &options, &share).map_err(named)?;
+        self.warn(&told(&report.warnings[source.info().warnings.len()..]));
+        report.warnings = told(&report.warnings);
         if self.verify {
             let checked = Reader::open(&job.output).and_then(|reader| {
                 verify(&reader, Some(&*source), &VerifyOptions::default(), &mut |_| !stopped())
             });
             let problems = checked.map_err(named)?.problems();
             if problems > 0 {
-                return Err(format!("{}: {problems} problems found by the check", job.output.display()));
+                return Err(format!("{}: {problems} problems found by the check", shown(&job.output)));
             }
         }
-        self.record.add(&job.output, fingerprint, &self.recipe).map_err(named)?;
+        self.record.add(&job.output, fingerprint, &self.recipe, &report.warnings).map_err(named)?;
         Ok(Fate::Built(Box::new(report)))
+    }
+
+    fn warn(&self, warnings: &[String]) {
+        self.show.aside(|| warnings::say(warnings));
     }
 
     fn tell(&self) {
@@ -229,10 +244,10 @@ impl Observer for Share<'_> {
 }
 
 fn print(jobs: &[Job], fates: &[Fate], time: f64, out: &mut dyn Write) -> io::Result<()> {
-    let mut table = Table::new(&["input", "samples", "tiles", "size", "time", ""]);
+    let mut table = Table::new(&["input", "samples", "tiles", "size", "time", "outcome"]).words(0);
     let mut counts = [0; 4];
     for (job, fate) in jobs.iter().zip(fates) {
-        let name = job.input.display().to_string();
+        let name = shown(&job.input);
         let (index, cells) = match fate {
             Fate::Built(report) => {
                 let header = &report.header;
@@ -240,8 +255,8 @@ fn print(jobs: &[Job], fates: &[Fate], time: f64, out: &mut dyn Write) -> io::Re
                 (
                     0,
                     [
-                        grouped(rate),
-                        grouped(header.tile_count),
+                        count(rate),
+                        count(header.tile_count),
                         bytes(report.file.file_bytes),
                         seconds(report.elapsed.as_secs_f64()),
                         "built".to_owned(),
@@ -261,33 +276,22 @@ fn print(jobs: &[Job], fates: &[Fate], time: f64, out: &mut dyn Write) -> io::Re
     let others = parts.iter().filter(|(count, _)| *count > 0).map(|(count, word)| format!("{count} {word}"));
     let all: Vec<String> = std::iter::once(format!("{built} built")).chain(others).collect();
     writeln!(out, "{} in {}", all.join(", "), seconds(time))?;
-    for (job, fate) in jobs.iter().zip(fates) {
-        if let Fate::Failed(message) = fate {
-            // Most messages begin with the name of the file.
-            let name = job.input.display().to_string();
-            let named = if message.contains(&name) { message.clone() } else { format!("{name}: {message}") };
-            writeln!(out, "  {named}")?;
-        }
-    }
     Ok(())
 }
 
 fn print_json(jobs: &[Job], fates: &[Fate], seconds: f64, out: &mut dyn Write) -> io::Result<()> {
-    let files: Vec<_> = jobs
-        .iter()
-        .zip(fates)
-        .map(|(job, fate)| match fate {
-            Fate::Built(report) => {
-                let mut file = build::json(report, &job.output);
-                file["input"] = json!(job.input);
-                file["status"] = json!("built");
-                file
+    let of_job = |(job, fate): (&Job, &Fate)| {
+        let head = json!({ "sources": [json::path(&job.input)] });
+        let rest = match fate {
+            Fate::Built(report) => build::json(report, &job.output),
+            Fate::Unchanged => json!({ "file": json::path(&job.output), "status": "unchanged" }),
+            Fate::Failed(error) => {
+                json!({ "file": json::path(&job.output), "status": "failed", "error": error })
             }
-            Fate::Unchanged => json!({ "input": job.input, "output": job.output, "status": "unchanged" }),
-            Fate::Failed(error) => json!({ "input": job.input, "status": "failed", "error": error }),
-            Fate::NotBegun => json!({ "input": job.input, "status": "not begun" }),
-        })
-        .collect();
-    serde_json::to_writer_pretty(&mut *out, &json!({ "files": files, "seconds": seconds }))?;
-    writeln!(out)
+            Fate::NotBegun => json!({ "file": json::path(&job.output), "status": "not begun" }),
+        };
+        json::joined([head, rest])
+    };
+    let files: Vec<_> = jobs.iter().zip(fates).map(of_job).collect();
+    json::print(&json::object("build --each", json!({ "files": files, "seconds": seconds })), out)
 }

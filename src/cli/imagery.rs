@@ -8,6 +8,8 @@ use relevo::imagery::Resolution;
 use relevo::limits::Limits;
 use relevo::source::picture::{self, Picture, PictureOptions, Stretch};
 
+use crate::cli::warnings::{say, told};
+
 /// Pictures, how they are read and how their tiles are stored.
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Imagery")]
@@ -36,10 +38,16 @@ pub struct Imagery {
 }
 
 impl Imagery {
-    /// Opens the pictures, which become one mosaic in the coordinate system of the heights.
-    pub fn open(&self, crs: &Crs) -> Result<Vec<Box<dyn Picture>>, Error> {
+    /// Opens the pictures, which become one mosaic in the coordinate system of the heights, within so many bytes of memory.
+    pub fn open(&self, crs: &Crs, memory: Option<u64>) -> Result<Vec<Box<dyn Picture>>, Error> {
         let options = PictureOptions { bands: self.bands.clone(), stretch: self.stretch };
-        picture::open_all(&self.files, &options, crs, &Limits::default())
+        let mut limits = Limits::default();
+        limits.opening_bytes = memory.unwrap_or(u64::MAX);
+        let pictures = picture::open_all(&self.files, &options, crs, &limits)?;
+        for picture in &pictures {
+            say(&told(&picture.info().warnings));
+        }
+        Ok(pictures)
     }
 }
 

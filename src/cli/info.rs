@@ -4,6 +4,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use relevo::TileId;
 use relevo::container::imagery::ImageryHeader;
 use relevo::container::reader::Reader;
 use relevo::container::sections::{IMAGERY, IMAGERY_PAGES, IMAGERY_TILES, SectionEntry};
@@ -11,20 +12,20 @@ use relevo::geo::Crs;
 use relevo::sample::Coding;
 use serde_json::{Value, json};
 
-use crate::cli::Outcome;
 use crate::cli::add::rule;
-use crate::cli::table::{Table, bytes, grouped, short};
+use crate::cli::table::{Table, bytes, count, fact, grouped, metres, plural, short, wrapped};
+use crate::cli::{Outcome, json, origins, place, shown, voice};
 
-/// Sources that are named.
+/// Sources that are named, unless all are wanted.
 const SOURCES: usize = 12;
 
-/// What a file is: coordinate system, levels, sections, sizes
+/// What a file is: coordinate system, heights, levels, sections, sizes
 #[derive(clap::Args)]
 pub struct Args {
     /// The .rlv files
-    #[arg(required = true)]
+    #[arg(required = true, value_name = "FILE.rlv")]
     files: Vec<PathBuf>,
-    /// As JSON: one object a file, in a list
+    /// As JSON: a list with one object a file
     #[arg(long)]
     json: bool,
 }
@@ -44,8 +45,7 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         }
     }
     if args.json {
-        serde_json::to_writer_pretty(&mut *out, &all).map_err(io::Error::from)?;
-        writeln!(out)?;
+        json::print(&Value::Array(all), out)?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -59,11 +59,7 @@ fn section_name(section: &SectionEntry) -> String {
 fn imagery_facts(reader: &Reader) -> Value {
     let Some(layer) = reader.imagery() else { return Value::Null };
     let imagery = layer.header();
-    json!({
-        "codec": imagery.codec.as_str(), "quality": imagery.quality, "tile": imagery.tile, "gutter": imagery.gutter,
-        "channels": imagery.colour.channels(), "alpha": imagery.alpha, "levels": imagery.leaf + 1, "tiles": imagery.tiles,
-        "bytes": imagery_bytes(reader), "texel": texel(reader, imagery),
-    })
+    json::joined([json::imagery(imagery, imagery_bytes(reader)), json!({ "texel": texel(reader, imagery) })])
 }
 
 /// Bytes of the sections of the imagery.
@@ -84,32 +80,37 @@ fn texel(reader: &Reader, imagery: &ImageryHeader) -> [f64; 2] {
 fn print_imagery(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     let Some(layer) = reader.imagery() else { return Ok(()) };
     let imagery = layer.header();
-    let mut line = |name: &str, text: String| writeln!(out, "  {name:<10} {text}");
     let quality =
         if imagery.quality > 0 { format!(" of quality {}", imagery.quality) } else { String::new() };
     let colour = if imagery.colour.channels() == 1 { "grey" } else { "RGB" };
     let alpha = if imagery.alpha { " and alpha" } else { "" };
     let codec = imagery.codec;
-    let size = bytes(imagery_bytes(reader));
-    line("imagery", format!("{colour}{alpha}, {codec}{quality}, {size}"))?;
+    writeln!(out, "\nImagery")?;
+    fact("texels", &format!("{colour}{alpha}, {codec}{quality}, {}", bytes(imagery_bytes(reader))), out)?;
     let [width, height] = texel(reader, imagery).map(short);
-    let (tiles, tile, gutter) = (grouped(imagery.tiles), imagery.tile, imagery.gutter);
-    line(
-        "",
-        format!(
-            "{tiles} tiles of {tile} x {tile} texels and {gutter} around, {} levels, finest texel {width} x {height}",
-            imagery.leaf + 1
-        ),
-    )?;
+    let unit = if reader.header().transform.is_some() { "units of the CRS" } else { "samples" };
+    fact("finest", &format!("{width} x {height} {unit}"), out)?;
+    let (tiles, tile, gutter) = (plural(imagery.tiles, "tile", "tiles"), imagery.tile, imagery.gutter);
+    let levels = imagery.leaf + 1;
+    fact("tiles", &format!("{tiles} of {tile} x {tile} texels and {gutter} around, {levels} levels"), out)?;
     let Some(note) = &reader.metadata().imagery else { return Ok(()) };
     for source in &note.sources {
         let how = rule(&source.bands, &source.stretch);
-        line("picture", format!("{}: {}{how}", source.name, source.description))?;
+        fact("picture", &format!("{}: {}{how}", source.name, source.description), out)?;
     }
     match note.pictures.saturating_sub(note.sources.len() as u64) {
         0 => Ok(()),
-        more => line("", format!("and {} more", grouped(more))),
+        more => fact("", &format!("and {} more", grouped(more)), out),
     }
+}
+
+/// Lowest and highest height in metres: of the samples, or, in a file without statistics, bounds of them.
+fn range_m(reader: &Reader) -> Option<(f64, f64)> {
+    let leaves = reader.statistics().ok().flatten().and_then(|mut statistics| statistics.levels.pop());
+    let counted = leaves.and_then(|level| level.min_m.zip(level.max_m));
+    let bounds =
+        || reader.entry(TileId::ROOT).ok().flatten().map(|root| (root.min_m.into(), root.max_m.into()));
+    counted.or_else(bounds)
 }
 
 fn facts(reader: &Reader, file: &Path) -> Value {
@@ -123,15 +124,17 @@ fn facts(reader: &Reader, file: &Path) -> Value {
         Coding::Integer { scale, offset } => (scale, offset),
         _ => (1.0, 0.0),
     };
-    json!({
-        "file": file, "bytes": reader.file_len(), "columns": header.width, "rows": header.height,
-        "sample_type": header.source_type.gdal_name(), "tile": header.tile(), "patch": header.patch(),
-        "levels": header.levels + 1, "tiles": header.tile_count, "metric": header.metric.as_str(),
-        "code_scale": scale, "code_offset": offset, "band_scale": header.band_scale, "band_offset": header.band_offset,
-        "unit_metres": header.unit_metres, "max_quantisation_error": header.quantisation_error,
-        "nodata": header.nodata.map(|v| if v.is_finite() { json!(v) } else { json!(v.to_string()) }),
-        "geotransform": header.transform, "metadata": metadata, "imagery": imagery_facts(reader), "sections": sections,
-    })
+    let (min_m, max_m) = range_m(reader).unzip();
+    let head = json!({ "file": json::path(file), "bytes": reader.file_len() });
+    let rest = json!({
+        "min_m": min_m, "max_m": max_m, "unit_metres": header.unit_metres,
+        "band_scale": header.band_scale, "band_offset": header.band_offset,
+        "code_scale": scale, "code_offset": offset, "max_quantisation_error": header.quantisation_error,
+        "nodata": header.nodata.map(json::number), "geotransform": header.transform,
+        "place": place::facts(reader), "metadata": metadata,
+        "imagery": imagery_facts(reader), "sections": sections,
+    });
+    json::object("info", json::joined([head, json::lattice(header), rest]))
 }
 
 /// What the heights are measured from, where the file says so.
@@ -147,57 +150,121 @@ fn datum(crs: &Crs) -> String {
 }
 
 fn print(reader: &Reader, file: &Path, out: &mut dyn Write) -> io::Result<()> {
+    let metadata = reader.metadata();
+    let head = format!("{}: {}, made by {}", shown(file), bytes(reader.file_len()), metadata.tool);
+    writeln!(out, "{}", wrapped(&head, 2))?;
+    print_place(reader, out)?;
+    print_heights(reader, out)?;
+    print_sources(reader, out)?;
+    print_tiles(reader, out)?;
+    print_imagery(reader, out)?;
+    print_sections(reader, out)
+}
+
+/// Where the raster lies.
+fn print_place(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     let (header, metadata) = (reader.header(), reader.metadata());
     let crs = &metadata.crs;
-    writeln!(out, "{}: {}, made by {}", file.display(), bytes(reader.file_len()), metadata.tool)?;
-    let mut line = |name: &str, text: String| writeln!(out, "  {name:<10} {text}");
-    for source in metadata.sources.iter().take(SOURCES) {
-        line("source", format!("{}: {}", source.name, source.description))?;
+    writeln!(out, "\nPlace")?;
+    fact(
+        "lattice",
+        &format!("{} x {} {}", header.width, header.height, header.source_type.gdal_name()),
+        out,
+    )?;
+    let epsg = crs.epsg.map_or_else(|| "no EPSG code".to_owned(), |code| format!("EPSG:{code}"));
+    let name = if crs.name.is_empty() { "no coordinate system" } else { &crs.name };
+    fact("CRS", &format!("{name} ({epsg})"), out)?;
+    if let Some([west, south, east, north]) = metadata.bounds {
+        fact("bounds", &format!("west {west}, south {south}, east {east}, north {north}"), out)?;
     }
-    match metadata.more_sources + metadata.sources.len().saturating_sub(SOURCES) as u64 {
-        0 => {}
-        more => line("", format!("and {} more", grouped(more)))?,
+    if let Some(transform) = header.transform.filter(|_| voice::verbose()) {
+        let numbers = transform.map(|number| number.to_string()).join(", ");
+        fact("transform", &format!("{numbers} (as GDAL has it)"), out)?;
     }
-    if let Some(overlap) = metadata.options.get("overlap").and_then(|word| word.as_str()) {
-        line("overlap", format!("{overlap}, where files overlap"))?;
+    place::lines(reader).iter().try_for_each(|(name, text)| fact(name, text, out))
+}
+
+/// What the samples mean.
+fn print_heights(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
+    let (header, metadata) = (reader.header(), reader.metadata());
+    writeln!(out, "\nHeights")?;
+    if let Some((low, high)) = range_m(reader) {
+        let [own_low, own_high] = [low, high].map(|height| metres(height / header.unit_metres));
+        let own = format!(" ({own_low} to {own_high} in the unit of the source)");
+        let own = if header.unit_metres == 1.0 { "" } else { &own };
+        fact("range", &format!("{} to {} m{own}", metres(low), metres(high)), out)?;
     }
-    line("lattice", format!("{} x {} {}", header.width, header.height, header.source_type.gdal_name()))?;
-    let heights = match header.coding {
+    let unit = if metadata.vertical_unit.is_empty() { "metre (assumed)" } else { &metadata.vertical_unit };
+    let metres =
+        if header.unit_metres == 1.0 { String::new() } else { format!(", {} m", header.unit_metres) };
+    fact("unit", &format!("{unit}{metres}{}", datum(&metadata.crs)), out)?;
+    if (header.band_scale, header.band_offset) != (1.0, 0.0) {
+        fact("values", &format!("{} + {} * sample", header.band_offset, header.band_scale), out)?;
+    }
+    let kept = match header.coding {
         Coding::Integer { scale, .. } if header.quantisation_error > 0.0 => {
             format!("quantised in steps of {scale}, off by at most {}", short(header.quantisation_error))
         }
         _ => "lossless".to_owned(),
     };
-    let unit = if metadata.vertical_unit.is_empty() { "metre (assumed)" } else { &metadata.vertical_unit };
-    line("heights", format!("{heights}; unit {unit}{}", datum(crs)))?;
-    if let Some(nodata) = header.nodata {
-        line("nodata", nodata.to_string())?;
+    fact("kept", &kept, out)?;
+    let nodata = header.nodata.map_or("none".to_owned(), |value| header.source_type.text(value));
+    fact("nodata", &nodata, out)
+}
+
+/// What the file was made of.
+fn print_sources(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
+    let metadata = reader.metadata();
+    writeln!(out, "\nMade of")?;
+    let named = if voice::verbose() { usize::MAX } else { SOURCES };
+    for source in metadata.sources.iter().take(named) {
+        fact("source", &format!("{}: {}", source.name, source.description), out)?;
     }
-    let epsg = crs.epsg.map_or_else(|| "no EPSG code".to_owned(), |code| format!("EPSG:{code}"));
-    let name = if crs.name.is_empty() { "no coordinate system" } else { &crs.name };
-    line("CRS", format!("{name} ({epsg})"))?;
-    if let Some([west, south, east, north]) = metadata.bounds {
-        line("bounds", format!("west {west}, south {south}, east {east}, north {north}"))?;
+    match metadata.more_sources + metadata.sources.len().saturating_sub(named) as u64 {
+        0 => {}
+        more => fact("", &format!("and {} more", grouped(more)), out)?,
     }
-    line("metric", header.metric.as_str().to_owned())?;
-    let tiles = grouped(header.tile_count);
-    line(
-        "tiles",
-        format!("{tiles} of {0} x {0} intervals, patches of {1} x {1}", header.tile(), header.patch()),
-    )?;
-    let mut levels = Table::new(&["level", "tiles", "bytes", "vertical m", "horizontal m"]);
+    if let Some(origins) = origins::line(&metadata.origins) {
+        fact("found in", &origins, out)?;
+    }
+    if let Some(overlap) = metadata.options.get("overlap").and_then(|word| word.as_str()) {
+        fact("overlap", &format!("{overlap}, where files overlap"), out)?;
+    }
+    Ok(())
+}
+
+/// How it is cut into tiles, and how wrong they are.
+fn print_tiles(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
+    let (header, metadata) = (reader.header(), reader.metadata());
+    writeln!(out, "\nTiles")?;
+    let (tiles, tile, patch) = (plural(header.tile_count, "tile", "tiles"), header.tile(), header.patch());
+    fact("tiles", &format!("{tiles} of {tile} x {tile} intervals, patches of {patch} x {patch}"), out)?;
+    fact("metric", header.metric.as_str(), out)?;
+    let mut levels =
+        Table::new(&["level", "tiles", "size", "vertical", "horizontal"]).groups(&[(2, "largest error (m)")]);
     for (number, level) in metadata.levels.iter().enumerate() {
         levels.row(vec![
             number.to_string(),
-            grouped(level.tiles),
+            count(level.tiles),
             bytes(level.bytes),
             short(level.max_vertical_m),
             short(level.max_horizontal_m),
         ]);
     }
-    levels.print(out)?;
-    print_imagery(reader, out)?;
-    let sections: Vec<String> =
-        reader.sections().iter().map(|s| format!("{} {}", section_name(s), bytes(s.length))).collect();
-    writeln!(out, "  sections   {}", sections.join(", "))
+    levels.print(out)
+}
+
+/// The parts of the file; if details are wanted, with their places.
+fn print_sections(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
+    writeln!(out, "\nFile")?;
+    if !voice::verbose() {
+        let name = |s: &SectionEntry| format!("{} {}", section_name(s), bytes(s.length));
+        let sections: Vec<String> = reader.sections().iter().map(name).collect();
+        return fact("sections", &sections.join(", "), out);
+    }
+    let mut table = Table::new(&["section", "offset (bytes)", "length (bytes)"]).words(0);
+    for section in reader.sections() {
+        table.row(vec![section_name(section), grouped(section.offset), grouped(section.length)]);
+    }
+    table.print(out)
 }

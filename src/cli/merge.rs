@@ -5,9 +5,12 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use relevo::pipeline;
+use serde_json::json;
 
+use crate::cli::build::size;
 use crate::cli::progress::{Mode, Show};
-use crate::cli::{Outcome, build};
+use crate::cli::warnings::{say, told};
+use crate::cli::{Outcome, build, json, voice};
 
 /// Join windows that `relevo build --window` has made, on one machine or many, into one .rlv file
 #[derive(clap::Args)]
@@ -21,6 +24,9 @@ pub struct Args {
     /// Threads [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
+    /// Keep within this much memory (256MiB, 2GiB); refuse before the work if it takes more
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    memory: Option<u64>,
     /// Replace OUT.rlv if it is there
     #[arg(long, short)]
     force: bool,
@@ -34,15 +40,19 @@ pub struct Args {
 
 /// Merges.
 pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    build::check_name(&args.output)?;
     let show = Show::new(args.progress);
-    let report = pipeline::merge(&args.pieces, &args.output, args.jobs.map(usize::from), args.force, &show);
+    let jobs = args.jobs.map(usize::from);
+    let report = pipeline::merge_within(args.memory, &args.pieces, &args.output, jobs, args.force, &show);
     show.finish();
-    let report = report?;
+    let mut report = report?;
+    // The windows were built with their warnings told: what is new are those of the values of all.
+    report.warnings = told(&report.warnings);
+    say(&report.warnings);
     if args.json {
-        serde_json::to_writer_pretty(&mut *out, &build::json(&report, &args.output))
-            .map_err(std::io::Error::from)?;
-        writeln!(out)?;
-    } else {
+        let pieces = json!({ "pieces": json::paths(&args.pieces) });
+        json::print(&json::object("merge", json::joined([pieces, build::json(&report, &args.output)])), out)?;
+    } else if !voice::quiet() {
         build::print(&report, &args.output, out)?;
     }
     Ok(ExitCode::SUCCESS)

@@ -7,33 +7,56 @@ mod build;
 mod dem;
 mod each;
 mod export;
+mod figures;
 mod imagery;
 mod info;
 mod inputs;
+mod json;
 mod merge;
+mod origins;
+mod place;
 mod progress;
 mod stats;
 mod table;
 mod verify;
+mod voice;
+mod warnings;
 
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use relevo::Error;
+use relevo::text::{Plain, printable};
+
+use self::voice::{Color, VoiceArgs};
 
 /// Turns digital elevation models of any size into one tile-pyramid file (.rlv) with a proven geometric error for every
 /// patch at every tessellation level.
 #[derive(Parser)]
-#[command(name = "relevo", version, max_term_width = 110, arg_required_else_help = true)]
-#[command(after_help = "Exit codes: 0 done, 1 the check found a problem, 2 could not do it.\n\
-    First steps: relevo build dem.tif -o dem.rlv && relevo verify dem.rlv --source dem.tif && relevo stats dem.rlv")]
+#[command(name = "relevo", version, arg_required_else_help = true, subcommand_required = true, after_help = AFTER)]
 struct Cli {
+    #[command(flatten)]
+    voice: VoiceArgs,
     #[command(subcommand)]
     command: Command,
 }
+
+const AFTER: &str = "\
+First steps:
+  relevo build dem.tif                       makes dem.rlv
+  relevo verify dem.rlv --source dem.tif     holds every sample against the DEM
+  relevo stats dem.rlv                       how wrong it is, level by level
+  relevo export dem.rlv -o relief.png        a picture of it
+  relevo build --each out dems/              every DEM of a folder to a file
+
+relevo COMMAND --help says what a command can do.
+Exit codes: 0 done, 1 the check found a problem, 2 could not do it.";
+
+/// Columns of help on a wide terminal.
+const WIDEST_HELP: usize = 110;
 
 #[derive(Subcommand)]
 enum Command {
@@ -69,7 +92,7 @@ impl Failure {
         match self {
             Self::Relevo(error) => error.to_string(),
             Self::Resumable(error, folder) => {
-                format!("{error}; what is done is kept in {}: --resume goes on from there", folder.display())
+                format!("{error}; what is done is kept in {}: --resume goes on from there", shown(&folder))
             }
             Self::Stdout(error) => format!("standard output: {error}"),
         }
@@ -88,6 +111,16 @@ impl From<io::Error> for Failure {
     }
 }
 
+/// A path as people see it.
+pub fn shown(path: &Path) -> String {
+    printable(&path.display().to_string()).into_owned()
+}
+
+/// A path as JSON has it: what is no Unicode of it is lost.
+pub fn named(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
+}
+
 /// What a subcommand ends in.
 pub type Outcome = Result<ExitCode, Failure>;
 
@@ -101,7 +134,11 @@ pub fn stopped() -> bool {
 
 /// Parses, runs, and turns the outcome into an exit code.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let width = table::width().min(WIDEST_HELP);
+    let command = Cli::command().color(Color::asked().of_clap()).term_width(width);
+    let parsed = Cli::from_arg_matches(&command.get_matches());
+    let cli = parsed.unwrap_or_else(|error| error.exit());
+    voice::set(cli.voice);
     // A second Ctrl-C ends the program at once.
     let handler = ctrlc::set_handler(|| {
         if STOP.swap(true, Ordering::Relaxed) {
@@ -109,9 +146,9 @@ pub fn main() -> ExitCode {
         }
     });
     if let Err(error) = handler {
-        let _ = writeln!(io::stderr(), "relevo: Ctrl-C will not clean up: {error}");
+        voice::warning(&format!("Ctrl-C will not clean up: {error}"));
     }
-    let mut out = io::BufWriter::new(io::stdout().lock());
+    let mut out = Plain(io::BufWriter::new(io::stdout().lock()));
     let outcome = match &cli.command {
         Command::Build(args) => build::run(args, &mut out),
         Command::Merge(args) => merge::run(args, &mut out),
@@ -127,7 +164,7 @@ pub fn main() -> ExitCode {
         Err(Failure::Stdout(error)) if error.kind() == io::ErrorKind::BrokenPipe => return ExitCode::SUCCESS,
         Err(failure) => failure.message(),
     };
-    let _ = writeln!(io::stderr(), "relevo: {message}");
+    voice::error(&message);
     ExitCode::from(2)
 }
 

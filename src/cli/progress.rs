@@ -8,7 +8,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use relevo::pipeline::{Observer, Stage};
 use serde_json::json;
 
-use crate::cli::{stopped, table};
+use crate::cli::{stopped, table, voice};
 
 /// How to show progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -35,6 +35,8 @@ pub struct Show {
 struct State {
     stage: Option<Stage>,
     stage_start: Instant,
+    /// How much of the stage was done when it was first told of: all that a resumed build need not do again.
+    before: u64,
     last_line: Instant,
     /// Said after the name of the stage.
     note: String,
@@ -43,6 +45,7 @@ struct State {
 impl Show {
     /// Starts the clock.
     pub fn new(mode: Mode) -> Self {
+        let mode = if voice::quiet() && mode == Mode::Auto { Mode::None } else { mode };
         let bar = (mode == Mode::Auto && std::io::stderr().is_terminal()).then(|| {
             let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
             let style = "{msg:7} [{bar:40}] {percent:>3} %  {elapsed} elapsed, {eta} left";
@@ -52,7 +55,7 @@ impl Show {
             bar
         });
         let now = Instant::now();
-        let state = State { stage: None, stage_start: now, last_line: now, note: String::new() };
+        let state = State { stage: None, stage_start: now, before: 0, last_line: now, note: String::new() };
         Self { mode, bar, state: Mutex::new(state) }
     }
 
@@ -63,43 +66,59 @@ impl Show {
         }
     }
 
-    /// A line on stderr, above the bar if there is one.
-    pub fn say(&self, line: &str) {
+    /// Does what writes lines on standard error, above the bar if there is one.
+    pub fn aside(&self, speak: impl FnOnce()) {
         match &self.bar {
-            Some(bar) => bar.suspend(|| {
-                let _ = writeln!(std::io::stderr(), "{line}");
-            }),
-            None => {
-                let _ = writeln!(std::io::stderr(), "{line}");
-            }
+            Some(bar) => bar.suspend(speak),
+            None => speak(),
         }
+    }
+
+    /// How long the last stage took, if details are wanted.
+    fn tell_stage(&self, state: &State) {
+        let Some(stage) = state.stage else { return };
+        let took = table::seconds(state.stage_start.elapsed().as_secs_f64());
+        self.aside(|| voice::detail(&format!("{} took {took}", name(stage))));
     }
 
     /// Takes the bar away.
     pub fn finish(&self) {
+        if let Ok(mut state) = self.state.lock() {
+            self.tell_stage(&state);
+            state.stage = None;
+        }
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }
     }
 
-    fn line(&self, (stage, note): (Stage, &str), done: u64, total: u64, elapsed: f64) {
-        // Rows cost about the same each, so the rest takes as long a row as what is done.
-        let left = if done > 0 { elapsed * (total - done) as f64 / done as f64 } else { f64::NAN };
+    fn line(&self, (stage, note): (Stage, &str), (before, done, total): (u64, u64, u64), elapsed: f64) {
+        let left = seconds_left((before, done, total), elapsed);
         let mut err = std::io::stderr().lock();
         let _ = if self.mode == Mode::Json {
             writeln!(
                 err,
                 "{}",
                 json!({ "stage": name(stage), "note": Some(note).filter(|note| !note.is_empty()),
-                        "done": done, "total": total, "seconds": elapsed, "seconds_left": if left.is_finite() { Some(left) } else { None } })
+                        "done": done, "total": total, "seconds": elapsed, "seconds_left": left })
             )
         } else {
             let percent = 100.0 * done as f64 / total.max(1) as f64;
-            let (elapsed, left) = (table::seconds(elapsed), table::seconds(left));
+            let elapsed = table::seconds(elapsed);
+            let left = left.map_or_else(String::new, |left| format!(", about {} left", table::seconds(left)));
             let stage = [name(stage), note].join(" ");
-            writeln!(err, "relevo: {} {percent:.0} %, {elapsed} elapsed, about {left} left", stage.trim_end())
+            writeln!(err, "relevo: {} {percent:.0} %, {elapsed} elapsed{left}", stage.trim_end())
         };
     }
+}
+
+/// Seconds that the rest will take, if that can be known: a row takes as long as one that has been done in this time.
+fn seconds_left((before, done, total): (u64, u64, u64), elapsed: f64) -> Option<f64> {
+    let (made, rest) = (done.checked_sub(before)?, total.saturating_sub(done));
+    if rest == 0 {
+        return Some(0.0);
+    }
+    (made > 0).then(|| elapsed * rest as f64 / made as f64)
 }
 
 fn name(stage: Stage) -> &'static str {
@@ -116,10 +135,13 @@ impl Observer for Show {
     fn rows(&self, stage: Stage, done: u64, total: u64) {
         let Ok(mut state) = self.state.lock() else { return };
         if state.stage != Some(stage) {
+            self.tell_stage(&state);
             state.stage = Some(stage);
-            state.stage_start = Instant::now();
+            (state.stage_start, state.before) = (Instant::now(), done);
             if let Some(bar) = &self.bar {
                 bar.reset();
+                bar.set_position(done);
+                bar.reset_eta();
             }
         }
         if let Some(bar) = &self.bar {
@@ -137,11 +159,25 @@ impl Observer for Show {
         if last || state.last_line.elapsed() >= every {
             state.last_line = Instant::now();
             let elapsed = state.stage_start.elapsed().as_secs_f64();
-            self.line((stage, &state.note), done, total, elapsed);
+            self.line((stage, &state.note), (state.before, done, total), elapsed);
         }
     }
 
     fn cancelled(&self) -> bool {
         stopped()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_done_before_took_no_time_now() {
+        assert_eq!(seconds_left((0, 25, 100), 10.0), Some(30.0));
+        assert_eq!(seconds_left((20, 40, 100), 10.0), Some(30.0));
+        assert_eq!(seconds_left((20, 20, 100), 1.0), None);
+        assert_eq!(seconds_left((0, 100, 100), 1.0), Some(0.0));
+        assert_eq!(seconds_left((50, 10, 100), 1.0), None);
     }
 }

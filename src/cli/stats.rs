@@ -8,15 +8,16 @@ use relevo::Error;
 use relevo::container::layout::Header;
 use relevo::container::metadata::{ErrorStatistics, LevelStatistics, Statistics};
 use relevo::container::reader::Reader;
-use serde_json::{Value, json};
+use serde_json::json;
 
-use crate::cli::Outcome;
-use crate::cli::table::{Table, bytes, grouped, short};
+use crate::cli::table::{Table, bytes, count, short, wrapped};
+use crate::cli::{Outcome, json, shown};
 
 /// How wrong a file is, by level and tessellation step
 #[derive(clap::Args)]
 pub struct Args {
     /// The .rlv file
+    #[arg(value_name = "FILE.rlv")]
     file: PathBuf,
     /// As JSON: the statistics section with the header's facts
     #[arg(long, conflicts_with = "csv")]
@@ -30,28 +31,19 @@ pub struct Args {
 pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let reader = Reader::open(&args.file)?;
     let statistics = reader.statistics()?.ok_or_else(|| {
-        Error::usage(format!("{}: the file carries no statistics; build it again", args.file.display()))
+        Error::usage(format!("{}: the file carries no statistics; build it again", shown(&args.file)))
     })?;
     let header = reader.header();
     if args.json {
-        let all = json!({
-            "file": args.file, "bytes": reader.file_len(), "columns": header.width, "rows": header.height,
-            "metric": header.metric.as_str(), "tile": header.tile(), "patch": header.patch(),
-            "statistics": with_shares(&statistics),
-        });
-        serde_json::to_writer_pretty(&mut *out, &all).map_err(io::Error::from)?;
-        writeln!(out)?;
+        let head = json!({ "file": json::path(&args.file), "bytes": reader.file_len() });
+        let all = json!({ "statistics": json::statistics(&statistics) });
+        json::print(&json::object("stats", json::joined([head, json::lattice(header), all])), out)?;
     } else if args.csv {
         csv(&statistics, out)?;
     } else {
-        let metric = header.metric.as_str();
-        writeln!(
-            out,
-            "{}: {} x {} samples, metric {metric}",
-            args.file.display(),
-            header.width,
-            header.height
-        )?;
+        let (metric, size) = (header.metric.as_str(), format!("{} x {}", header.width, header.height));
+        let head = format!("{}: {size} samples, metric {metric}", shown(&args.file));
+        writeln!(out, "{}\n", wrapped(&head, 2))?;
         levels_table(&statistics, header, out)?;
         steps_table(&statistics, header, out)?;
     }
@@ -60,45 +52,54 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 
 /// One line a level: tiles, sizes, voids, and the errors of the finest and the coarsest step.
 pub fn levels_table(statistics: &Statistics, header: &Header, out: &mut dyn Write) -> io::Result<()> {
-    let mut table = Table::new(&[
-        "level",
-        "tiles",
-        "patches",
-        "spacing m",
-        "void %",
-        "bytes",
-        "bits/sample",
-        "error m: step 0",
-        &format!("step {}", header.steps() - 1),
-    ]);
+    let last = header.steps().saturating_sub(1) as usize;
+    let coarsest = 1_u64 << last;
+    let title = format!(
+        "Levels, and the largest error in metres where every sample of a level is drawn, and where every {} is:",
+        ordinal(coarsest)
+    );
+    writeln!(out, "{}", wrapped(&title, 0))?;
+    let some =
+        |pick: Pick| statistics.levels.iter().flat_map(|level| &level.steps).any(|step| pick(step).max > 0.0);
+    // Without voids inside or a ragged outline there are no horizontal errors.
+    let errors: &[(&str, Pick)] = if some(horizontal) {
+        &[("vertical\nerror (m)", vertical), ("horizontal\nerror (m)", horizontal)]
+    } else {
+        &[("vertical\nerror (m)", vertical)]
+    };
+    let every = format!("every\n{}", ordinal(coarsest));
+    let mut heading = vec!["level", "tiles", "spacing\n(m)", "void\n(%)", "size", "bits per\nsample"];
+    heading.extend(errors.iter().flat_map(|_| ["every\nsample", every.as_str()]));
+    let groups: Vec<(usize, &str)> = errors.iter().map(|(name, _)| (2, *name)).collect();
+    let mut table = Table::new(&heading).groups(&groups);
     for level in &statistics.levels {
-        let worst = |step: usize| {
-            level.steps.get(step).map_or(String::new(), |s| {
-                let h = if s.horizontal.max > 0.0 {
-                    format!(" / {}", short(s.horizontal.max))
-                } else {
-                    String::new()
-                };
-                format!("{}{h}", short(s.vertical.max))
+        let worst = |pick: Pick, step: usize| {
+            level.steps.get(step).map_or(String::new(), |step| match pick(step).max {
+                0.0 => "0".to_owned(),
+                max => short(max),
             })
         };
-        table.row(vec![
+        let mut row = vec![
             level.level.to_string(),
-            grouped(level.tiles),
-            grouped(level.patches),
+            count(level.tiles),
             level.steps.first().map_or(String::new(), |s| short(s.spacing_m[0].max(s.spacing_m[1]))),
             short(100.0 * void_share(level)),
             bytes(level_bytes(level)),
             short(bits_per_sample(level)),
-            worst(0),
-            worst(level.steps.len().saturating_sub(1)),
-        ]);
+        ];
+        row.extend(errors.iter().flat_map(|&(_, pick)| [worst(pick, 0), worst(pick, last)]));
+        table.row(row);
     }
-    table.print(out)?;
-    writeln!(
-        out,
-        "  error: largest vertical / horizontal (outline of voids) deviation in metres; step k draws every 2^k-th sample"
-    )
+    table.print(out)
+}
+
+/// `2nd`, `32nd`, `64th`: of a power of two.
+fn ordinal(number: u64) -> String {
+    match (number % 10, number % 100) {
+        (2, rest) if rest != 12 => format!("{number}nd"),
+        (1, rest) if rest != 11 => format!("{number}st"),
+        _ => format!("{number}th"),
+    }
 }
 
 /// One line for each level and step: distribution of both errors.
@@ -108,30 +109,34 @@ fn steps_table(statistics: &Statistics, header: &Header, out: &mut dyn Write) ->
             writeln!(out, "\n{title} error: none anywhere")?;
             continue;
         }
-        writeln!(
-            out,
-            "\n{title} error in metres, by level and step ({} patches of {} x {})",
-            header.metric.as_str(),
+        let what = if title == "Vertical" { "" } else { " (how far the outline of voids is off)" };
+        let title = format!(
+            "{title} error{what} of the patches, {0} x {0} intervals each, metric {1}. Step 0 draws every sample of \
+             its level, step 1 every 2nd, step 2 every 4th:",
             header.patch(),
-            header.patch()
-        )?;
-        let mut table =
-            Table::new(&["level", "step", "spacing m", "patches", "min", "mean", "p50", "p90", "p99", "max"]);
+            header.metric.as_str(),
+        );
+        writeln!(out, "\n{}", wrapped(&title, 0))?;
+        let heading = [
+            "level",
+            "step",
+            "spacing\n(m)",
+            "patches",
+            "min\n(m)",
+            "mean\n(m)",
+            "p50\n(m)",
+            "p90\n(m)",
+            "p99\n(m)",
+            "max\n(m)",
+        ];
+        let mut table = Table::new(&heading);
         for level in &statistics.levels {
             for (k, step) in level.steps.iter().enumerate() {
                 let e = pick(step);
-                table.row(vec![
-                    level.level.to_string(),
-                    k.to_string(),
-                    short(step.spacing_m[0].max(step.spacing_m[1])),
-                    grouped(e.count),
-                    short(e.min),
-                    short(e.mean),
-                    short(e.p50),
-                    short(e.p90),
-                    short(e.p99),
-                    short(e.max),
-                ]);
+                let figures = [e.min, e.mean, e.p50, e.p90, e.p99, e.max].map(short);
+                let spacing = short(step.spacing_m[0].max(step.spacing_m[1]));
+                let start = [level.level.to_string(), k.to_string(), spacing, count(e.count)];
+                table.row(start.into_iter().chain(figures).collect());
             }
         }
         table.print(out)?;
@@ -150,24 +155,13 @@ fn horizontal(step: &Step) -> &ErrorStatistics {
     &step.horizontal
 }
 
-/// The statistics section, each level with its share of voids and its bits a sample.
-fn with_shares(statistics: &Statistics) -> Value {
-    let mut all = json!(statistics);
-    let levels = all["levels"].as_array_mut().map(|levels| levels.iter_mut().zip(&statistics.levels));
-    for (json, level) in levels.into_iter().flatten() {
-        json["void_share"] = json!(void_share(level));
-        json["bits_per_sample"] = json!(bits_per_sample(level));
-    }
-    all
-}
-
 /// Share of a level's lattice within the raster that is void.
-fn void_share(level: &LevelStatistics) -> f64 {
+pub fn void_share(level: &LevelStatistics) -> f64 {
     1.0 - level.valid as f64 / (level.columns * level.rows) as f64
 }
 
 /// Stored bits for each sample of a level's lattice.
-fn bits_per_sample(level: &LevelStatistics) -> f64 {
+pub fn bits_per_sample(level: &LevelStatistics) -> f64 {
     level_bytes(level) as f64 * 8.0 / (level.columns * level.rows) as f64
 }
 

@@ -1,16 +1,52 @@
-//! Tables and figures for people.
+//! Tables and lines that fit the terminal, for people.
 
 use std::io::{self, Write};
+use std::ops::Range;
 
-/// A table: columns as wide as their widest cell, numbers to the right.
+use relevo::text::printable;
+
+pub use crate::cli::figures::{bytes, count, grouped, metres, plural, seconds, short};
+
+/// Columns of a page where nobody says how wide it is: a pipe, a file.
+const PIPED: usize = 80;
+/// Narrower terminals wrap lines themselves.
+const NARROWEST: usize = 40;
+/// Spaces before a table.
+const INDENT: usize = 2;
+
+/// Columns that standard output has: those of its terminal, else 80.
+pub fn width() -> usize {
+    let terminal = terminal_size::terminal_size_of(io::stdout());
+    terminal.map_or(PIPED, |(terminal_size::Width(columns), _)| usize::from(columns).max(NARROWEST))
+}
+
+/// A table: columns as wide as their widest cell, numbers to the right. A heading has as many lines as it needs, and so have the
+/// names of columns that belong together.
 pub struct Table {
+    heading: Vec<String>,
+    groups: Vec<(usize, String)>,
     rows: Vec<Vec<String>>,
+    /// The column of words, which stands to the left and is shortened where the table is too wide.
+    words: Option<usize>,
 }
 
 impl Table {
-    /// A table with this heading.
+    /// A table with this heading; a line break in it begins another line.
     pub fn new(heading: &[&str]) -> Self {
-        Self { rows: vec![heading.iter().map(ToString::to_string).collect()] }
+        let heading = heading.iter().map(ToString::to_string).collect();
+        Self { heading, groups: Vec::new(), rows: Vec::new(), words: None }
+    }
+
+    /// Names what stands over so many columns each, from the last column backwards: the columns before them have no such name.
+    pub fn groups(mut self, groups: &[(usize, &str)]) -> Self {
+        self.groups = groups.iter().map(|&(columns, name)| (columns, name.to_owned())).collect();
+        self
+    }
+
+    /// The column of words, from 0.
+    pub fn words(mut self, column: usize) -> Self {
+        self.words = Some(column);
+        self
     }
 
     /// One more row.
@@ -20,98 +56,182 @@ impl Table {
 
     /// Prints it, indented by two.
     pub fn print(&self, out: &mut dyn Write) -> io::Result<()> {
-        let columns = self.rows.iter().map(Vec::len).max().unwrap_or(0);
-        let width = |c: usize| {
-            self.rows.iter().filter_map(|r| r.get(c)).map(|s| s.chars().count()).max().unwrap_or(0)
+        self.print_in(width(), out)
+    }
+
+    /// Prints it on a page so many columns wide.
+    fn print_in(&self, page: usize, out: &mut dyn Write) -> io::Result<()> {
+        // Columns stand close together where there is no room for two spaces, then words give way.
+        let apart = |gap: usize| {
+            let mut widths = self.widths();
+            self.widen_for_groups(&mut widths, gap);
+            let all = INDENT + widths.iter().sum::<usize>() + gap * widths.len().saturating_sub(1);
+            (widths, gap, all)
         };
-        let widths: Vec<usize> = (0..columns).map(width).collect();
-        for row in &self.rows {
-            let cells: Vec<String> =
-                row.iter().zip(&widths).map(|(cell, &w)| format!("{cell:>w$}")).collect();
-            writeln!(out, "  {}", cells.join("  ").trim_end())?;
+        let (mut widths, gap, all) =
+            Some(apart(2)).filter(|(.., all)| *all <= page).unwrap_or_else(|| apart(1));
+        if let Some(width) = self.words.and_then(|column| widths.get_mut(column)) {
+            *width = width.saturating_sub(all.saturating_sub(page)).max(8);
+        }
+        self.print_groups(&widths, gap, out)?;
+        let lines = self.heading.iter().map(|name| name.lines().count()).max().unwrap_or(0);
+        for line in 0..lines {
+            // The last line of every name stands right above the cells.
+            let part = |name: &String| {
+                let first = lines - name.lines().count();
+                line.checked_sub(first).and_then(|line| name.lines().nth(line)).unwrap_or_default().to_owned()
+            };
+            self.print_row(&self.heading.iter().map(part).collect::<Vec<_>>(), &widths, gap, out)?;
+        }
+        self.rows.iter().try_for_each(|row| self.print_row(row, &widths, gap, out))
+    }
+
+    fn widths(&self) -> Vec<usize> {
+        let columns = self.rows.iter().map(Vec::len).chain([self.heading.len()]).max().unwrap_or(0);
+        let of_cell = |cell: &String| cell.lines().map(|line| line.chars().count()).max().unwrap_or(0);
+        let cells =
+            |column: usize| self.rows.iter().chain([&self.heading]).filter_map(move |row| row.get(column));
+        (0..columns).map(|column| cells(column).map(of_cell).max().unwrap_or(0)).collect()
+    }
+
+    /// Makes the first column of a group as much wider as the group's name needs.
+    fn widen_for_groups(&self, widths: &mut [usize], gap: usize) {
+        for (range, name) in self.spans(widths.len()) {
+            let needed = name.lines().map(|line| line.chars().count()).max().unwrap_or(0);
+            let own = widths[range.clone()].iter().sum::<usize>() + gap * (range.len() - 1);
+            widths[range.start] += needed.saturating_sub(own);
+        }
+    }
+
+    /// The columns of each group, and its name.
+    fn spans(&self, columns: usize) -> Vec<(Range<usize>, &str)> {
+        let mut from = columns.saturating_sub(self.groups.iter().map(|(columns, _)| columns).sum());
+        let mut spans = Vec::with_capacity(self.groups.len());
+        for (columns, name) in &self.groups {
+            spans.push((from..from + columns, name.as_str()));
+            from += columns;
+        }
+        spans
+    }
+
+    fn print_groups(&self, widths: &[usize], gap: usize, out: &mut dyn Write) -> io::Result<()> {
+        let spans = self.spans(widths.len());
+        let lines = spans.iter().map(|(_, name)| name.lines().count()).max().unwrap_or(0);
+        for line in 0..lines {
+            let mut text = String::new();
+            for (range, name) in &spans {
+                let end = INDENT + widths[..range.end].iter().sum::<usize>() + gap * (range.end - 1);
+                let name = name.lines().nth(line).unwrap_or_default();
+                let room = end.saturating_sub(text.chars().count() + name.chars().count());
+                text.extend([&" ".repeat(room), name]);
+            }
+            writeln!(out, "{}", text.trim_end())?;
         }
         Ok(())
     }
+
+    fn print_row(&self, row: &[String], widths: &[usize], gap: usize, out: &mut dyn Write) -> io::Result<()> {
+        let cell = |(column, (cell, &width)): (usize, (&String, &usize))| {
+            if self.words == Some(column) {
+                format!("{:<width$}", shortened(cell, width))
+            } else {
+                format!("{cell:>width$}")
+            }
+        };
+        let cells: Vec<String> = row.iter().zip(widths).enumerate().map(cell).collect();
+        writeln!(out, "{:INDENT$}{}", "", cells.join(&" ".repeat(gap)).trim_end())
+    }
 }
 
-/// `4.2 MB`; powers of 1000, as disks and GDAL users count.
-pub fn bytes(count: u64) -> String {
-    let mut value = count as f64;
-    for unit in ["B", "kB", "MB", "GB"] {
-        if value < 999.5 {
-            return if unit == "B" { format!("{count} B") } else { format!("{} {unit}", short(value)) };
+/// A text in so many columns: its middle gives way, for a path says most at its ends.
+fn shortened(text: &str, width: usize) -> String {
+    let text = &*printable(text);
+    let letters: Vec<char> = text.chars().collect();
+    if letters.len() <= width {
+        return text.to_owned();
+    }
+    let (head, tail) = ((width - 1) / 3, width - 1 - (width - 1) / 3);
+    letters[..head].iter().chain(['…'].iter()).chain(&letters[letters.len() - tail..]).collect()
+}
+
+/// A line as wide as the page at most, broken between words; all lines but the first are indented by `indent`. A word that is longer
+/// than a line stays whole: it is a path to be copied.
+pub fn wrapped(text: &str, indent: usize) -> String {
+    wrapped_in(text, indent, width())
+}
+
+fn wrapped_in(text: &str, indent: usize, page: usize) -> String {
+    let text = &*printable(text);
+    let start = text.len() - text.trim_start_matches(' ').len();
+    let mut line = " ".repeat(start);
+    let mut lines = Vec::new();
+    for word in text[start..].split(' ') {
+        let length = line.chars().count();
+        let begun = !line.trim_start().is_empty();
+        if begun && length + 1 + word.chars().count() > page {
+            lines.push(std::mem::replace(&mut line, " ".repeat(indent)));
+            line += word;
+        } else {
+            line += if begun { " " } else { "" };
+            line += word;
         }
-        value /= 1000.0;
     }
-    format!("{} TB", short(value))
+    lines.push(line);
+    lines.join("\n")
 }
 
-/// Three significant digits, without an exponent where it reads well.
-pub fn short(value: f64) -> String {
-    let magnitude = value.abs();
-    if value == 0.0 {
-        "0".to_owned()
-    } else if !value.is_finite() {
-        value.to_string()
-    } else if magnitude >= 99.95 {
-        if magnitude < 1e7 { format!("{value:.0}") } else { format!("{value:.2e}") }
-    } else if magnitude >= 9.995 {
-        format!("{value:.1}")
-    } else if magnitude >= 0.995 {
-        format!("{value:.2}")
-    } else if magnitude >= 0.000_95 {
-        format!("{value:.*}", (2 - magnitude.log10().floor() as i32).clamp(2, 6) as usize)
-    } else {
-        format!("{value:.1e}")
-    }
+/// Prints named facts, one a line, as `  name       text`; a long text goes on below itself.
+pub fn fact(name: &str, text: &str, out: &mut dyn Write) -> io::Result<()> {
+    writeln!(out, "{}", wrapped(&format!("  {name:<NAMES$} {text}"), NAMES + 3))
 }
 
-/// `1 234 567`.
-pub fn grouped(count: u64) -> String {
-    let digits = count.to_string();
-    let mut out = String::new();
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            out.push(' ');
-        }
-        out.push(digit);
-    }
-    out
-}
-
-/// `12.3 s`, `4 min 05 s`, `2 h 10 min`.
-pub fn seconds(value: f64) -> String {
-    let whole = value.round() as u64;
-    if value < 60.0 {
-        format!("{} s", short(value))
-    } else if whole < 3600 {
-        format!("{} min {:02} s", whole / 60, whole % 60)
-    } else {
-        format!("{} h {:02} min", whole / 3600, whole % 3600 / 60)
-    }
-}
+/// Columns of the names of facts.
+const NAMES: usize = 10;
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn printed(table: &Table, page: usize) -> Vec<String> {
+        let mut out = Vec::new();
+        table.print_in(page, &mut out).expect("memory");
+        String::from_utf8(out).expect("text").lines().map(str::to_owned).collect()
+    }
+
     #[test]
-    fn figures_keep_three_digits() {
-        for (value, text) in [
-            (0.0, "0"),
-            (1234.5, "1234"),
-            (99.96, "100"),
-            (12.345, "12.3"),
-            (1.005, "1.00"),
-            (0.9949, "0.995"),
-            (0.012_34, "0.0123"),
-            (0.000_012, "1.2e-5"),
-        ] {
-            assert_eq!(short(value), text);
+    fn headings_stand_above_their_columns_and_groups_above_theirs() {
+        let mut table = Table::new(&["level", "size\n(m)", "a", "b"]).groups(&[(2, "of both")]);
+        table.row(["0", "1234567", "1", "2"].map(str::to_owned).to_vec());
+        let lines = printed(&table, 80);
+        assert_eq!(
+            lines,
+            [
+                "                  of both",
+                "            size",
+                "  level      (m)     a  b",
+                "      0  1234567     1  2",
+            ]
+        );
+    }
+
+    #[test]
+    fn words_give_way_where_a_table_is_too_wide() {
+        let mut table = Table::new(&["input", "samples"]).words(0);
+        table.row(vec!["a/very/long/path/of/many/folders/to/a/file.tif".to_owned(), "1 442 401".to_owned()]);
+        for page in [40, 50, 80] {
+            let lines = printed(&table, page);
+            assert!(lines.iter().all(|line| line.chars().count() <= page), "{lines:#?}");
+            assert!(lines[1].contains("file.tif") && lines[1].contains("1 442 401"), "{lines:#?}");
         }
-        assert_eq!(bytes(999), "999 B");
-        assert_eq!(bytes(3_277_899), "3.28 MB");
-        assert_eq!(grouped(1_442_401), "1 442 401");
-        assert_eq!(seconds(125.0), "2 min 05 s");
+        assert_eq!(shortened("0123456789", 7), "01…6789");
+    }
+
+    #[test]
+    fn lines_are_broken_between_words_and_words_stay_whole() {
+        let text = "  name  one two three /a/path/that/is/longer/than/the/page four";
+        let lines: Vec<String> = wrapped_in(text, 8, 20).lines().map(str::to_owned).collect();
+        let path = "        /a/path/that/is/longer/than/the/page";
+        assert_eq!(lines, ["  name  one two", "        three", path, "        four"]);
+        assert_eq!(wrapped_in("short", 4, 20), "short");
     }
 }

@@ -5,19 +5,22 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use relevo::container::reader::Reader;
+use relevo::container::reader::{Reader, ReaderOptions};
 use relevo::source::Source;
 use relevo::verify::{Check, Progress, Ratios, VerifyOptions, VerifyReport, refused, verify};
 use serde_json::json;
 
+use crate::cli::build::size;
 use crate::cli::dem::{Dem, SourceArgs};
-use crate::cli::table::{Table, grouped, short};
-use crate::cli::{Outcome, inputs, stopped};
+use crate::cli::table::{Table, count, grouped, plural, short, wrapped};
+use crate::cli::warnings::{say, told};
+use crate::cli::{Outcome, inputs, json, shown, stopped, voice};
 
 /// Check a file: checksums, structure, invariants; against its source; every error by brute force
 #[derive(clap::Args)]
 pub struct Args {
     /// The .rlv file
+    #[arg(value_name = "FILE.rlv")]
     pub(super) file: PathBuf,
     /// The DEM it was built from: compare every sample
     #[arg(long, value_name = "DEM", num_args = 1..)]
@@ -25,6 +28,9 @@ pub struct Args {
     /// Recompute every error by brute force, at full resolution in memory
     #[arg(long)]
     pub(super) deep: bool,
+    /// Keep within this much memory (256MiB, 2GiB), comparing fewer rows at a time; slower then. Refuse before the work if it takes more
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    memory: Option<u64>,
     /// Problems to show of each check; all are counted
     #[arg(long, value_name = "N", default_value_t = 10)]
     pub(super) show: usize,
@@ -33,29 +39,31 @@ pub struct Args {
     pub(super) json: bool,
     #[command(flatten)]
     pub(super) reading: SourceArgs,
+    /// True after a build, which has told the warnings.
+    #[arg(skip)]
+    built: bool,
 }
 
 impl Args {
     /// The check of a file that has just been built.
-    pub fn after_build(file: PathBuf, dem: &Dem, reading: &SourceArgs) -> Self {
+    pub fn after_build(file: PathBuf, dem: &Dem, (reading, memory): (&SourceArgs, Option<u64>)) -> Self {
         let (source, reading) = (dem.dems.clone(), reading.clone());
-        Self { file, source, reading, deep: false, show: 10, json: false }
+        Self { file, source, reading, memory, deep: false, show: 10, json: false, built: true }
     }
 }
 
 /// Checks, and says what was found: exit code 0 if all is good, 1 if not.
 pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
-    let report = match Reader::open(&args.file) {
+    let report = match Reader::open_with(&args.file, ReaderOptions::within(args.memory)) {
         Ok(reader) => check(args, &reader)?,
         Err(error) => refused(error)?,
     };
     if args.json {
         let all = json!({
-            "file": args.file, "good": report.is_good(), "problems": report.problems(),
+            "file": json::path(&args.file), "good": report.is_good(), "problems": report.problems(),
             "checks": report.checks, "tightness": report.tightness,
         });
-        serde_json::to_writer_pretty(&mut *out, &all).map_err(io::Error::from)?;
-        writeln!(out)?;
+        json::print(&json::object("verify", all), out)?;
     } else {
         print(args, &report, out)?;
     }
@@ -65,8 +73,11 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 fn check(args: &Args, reader: &Reader) -> relevo::Result<VerifyReport> {
     let dems = inputs::expand(&args.source)?;
     let source = (!dems.is_empty()).then(|| args.reading.open(&dems)).transpose()?;
+    if let Some(source) = source.as_ref().filter(|_| !args.built) {
+        say(&told(&source.info().warnings));
+    }
     let options = VerifyOptions { deep: args.deep, keep: args.show, ..VerifyOptions::default() };
-    let bar = io::stderr().is_terminal().then(|| {
+    let bar = (io::stderr().is_terminal() && !voice::quiet()).then(|| {
         let style = ProgressStyle::with_template("{msg:8} [{bar:40}] {percent:>3} %  {elapsed} elapsed");
         ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
     });
@@ -86,36 +97,39 @@ fn check(args: &Args, reader: &Reader) -> relevo::Result<VerifyReport> {
 }
 
 fn print(args: &Args, report: &VerifyReport, out: &mut dyn Write) -> io::Result<()> {
-    let mut table = Table::new(&["check", "looked at", "", "problems"]);
-    for check in &report.checks {
-        let problems = if check.problems == 0 { "-".to_owned() } else { grouped(check.problems) };
-        table.row(vec![check.name.to_owned(), grouped(check.looked_at), check.unit.to_owned(), problems]);
+    if !voice::quiet() {
+        let mut table = Table::new(&["check", "looked at", "problems"]).words(0);
+        for check in &report.checks {
+            let problems = if check.problems == 0 { "none".to_owned() } else { grouped(check.problems) };
+            let seen = format!("{} {}", grouped(check.looked_at), check.unit);
+            table.row(vec![check.name.to_owned(), seen, problems]);
+        }
+        table.print(out)?;
     }
-    table.print(out)?;
     for check in &report.checks {
         print_problems(check, out)?;
     }
-    if !report.tightness.is_empty() {
+    if !report.tightness.is_empty() && !voice::quiet() {
         print_tightness(report, out)?;
     }
-    let name = args.file.display();
+    let name = shown(&args.file);
     match report.problems() {
+        0 if voice::quiet() => Ok(()),
         0 => writeln!(out, "\n{name}: good"),
-        1 => writeln!(out, "\n{name}: 1 problem"),
-        count => writeln!(out, "\n{name}: {} problems", grouped(count)),
+        count => writeln!(out, "\n{name}: {}", plural(count, "problem", "problems")),
     }
 }
 
 fn print_problems(check: &Check, out: &mut dyn Write) -> io::Result<()> {
     if !check.note.is_empty() {
-        writeln!(out, "\n{}: {}", check.name, check.note)?;
+        writeln!(out, "\n{}", wrapped(&format!("{}: {}", check.name, check.note), 2))?;
     }
     if check.problems == 0 {
         return Ok(());
     }
     writeln!(out, "\n{}:", check.name)?;
     for problem in &check.first {
-        writeln!(out, "  {problem}")?;
+        writeln!(out, "{}", wrapped(&format!("  {problem}"), 4))?;
     }
     match check.problems - check.first.len() as u64 {
         0 => Ok(()),
@@ -124,21 +138,14 @@ fn print_problems(check: &Check, out: &mut dyn Write) -> io::Result<()> {
 }
 
 fn print_tightness(report: &VerifyReport, out: &mut dyn Write) -> io::Result<()> {
-    writeln!(out, "\nStored error / true error (patches whose true error is above 1/256 of the largest)")?;
-    let mut table = Table::new(&[
-        "level",
-        "step",
-        "vertical: patches",
-        "median",
-        "p99",
-        "max",
-        "horizontal: patches",
-        "median",
-        "p99",
-        "max",
-    ]);
+    let title = "Stored error / true error, of patches whose true error is above 1/256 of the largest of their level and step. \
+                 1 is exact. Step 0 draws every sample of its level, step 1 every 2nd, step 2 every 4th:";
+    writeln!(out, "\n{}", wrapped(title, 0))?;
+    let of_both = ["patches", "median", "p99", "max"];
+    let heading: Vec<&str> = ["level", "step"].into_iter().chain(of_both).chain(of_both).collect();
+    let mut table = Table::new(&heading).groups(&[(4, "vertical"), (4, "horizontal")]);
     let cells = |ratios: Option<Ratios>| match ratios {
-        Some(r) => [grouped(r.patches), ratio(r.median), ratio(r.p99), ratio(r.max)],
+        Some(r) => [count(r.patches), ratio(r.median), ratio(r.p99), ratio(r.max)],
         None => ["", "", "", ""].map(str::to_owned),
     };
     for row in &report.tightness {

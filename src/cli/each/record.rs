@@ -23,6 +23,16 @@ pub struct Entry {
     pub input: Fingerprint,
     /// Everything that decides what is made of an input, as text.
     pub options: String,
+    /// What was warned of.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
+}
+
+/// An input of which nothing was made, and why.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct Failed<'a> {
+    failed: &'a str,
+    error: &'a str,
 }
 
 /// The record of a folder.
@@ -59,9 +69,25 @@ impl Record {
     }
 
     /// Notes an output that has just been finished.
-    pub fn add(&self, output: &Path, input: Fingerprint, options: &str) -> Result<(), Error> {
-        let entry = Entry { output: FileStamp::of(output)?, input, options: options.to_owned() };
-        let mut line = serde_json::to_string(&entry)
+    pub fn add(
+        &self,
+        output: &Path,
+        input: Fingerprint,
+        options: &str,
+        warnings: &[String],
+    ) -> Result<(), Error> {
+        let (options, warnings) = (options.to_owned(), warnings.to_vec());
+        self.write(&Entry { output: FileStamp::of(output)?, input, options, warnings })
+    }
+
+    /// Notes an input that has failed; it is tried again when the batch is resumed.
+    pub fn add_failed(&self, input: &Path, error: &str) -> Result<(), Error> {
+        self.write(&Failed { failed: &input.to_string_lossy(), error })
+    }
+
+    /// Writes a line.
+    fn write(&self, entry: &impl Serialize) -> Result<(), Error> {
+        let mut line = serde_json::to_string(entry)
             .map_err(|error| Error::usage(format!("the record of the batch cannot be written: {error}")))?;
         line.push('\n');
         let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);

@@ -1,0 +1,95 @@
+//! Names of the outputs of a batch: each input's own, with as much of its path in front as tells it from the others.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use relevo::Error;
+
+use crate::cli::{build, shown};
+
+/// The output of every input, in a folder. Inputs of one name get the names of their folders in front (`north-n51.rlv`), and, where
+/// they lie in one folder, what their own names end in (`n51-hgt.rlv`).
+pub fn outputs(inputs: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Error> {
+    let mut names: Vec<String> = inputs.iter().map(|input| stem(input)).collect();
+    let mut prefixes: Vec<Vec<String>> = inputs.iter().map(|input| folders(input)).collect();
+    let mut suffixed = vec![false; inputs.len()];
+    while let Some(group) = alike(&names) {
+        let mut changed = false;
+        for &i in &group {
+            let folder_differs = group.iter().any(|&j| prefixes[j] != prefixes[i]);
+            if folder_differs {
+                if let Some(folder) = prefixes[i].pop() {
+                    names[i] = format!("{folder}-{}", names[i]);
+                    changed = true;
+                }
+            } else if !suffixed[i] {
+                suffixed[i] = true;
+                let extension = inputs[i].extension().map(|e| e.to_string_lossy().into_owned());
+                if let Some(extension) = extension {
+                    names[i] = format!("{}-{extension}", names[i]);
+                    changed = true;
+                }
+            }
+        }
+        if !changed {
+            let name = |i: usize| shown(&inputs[i]);
+            let (first, second) = (name(group[0]), name(group[1]));
+            let output = folder.join(format!("{}.rlv", names[group[0]]));
+            let what = format!("{first} and {second} would both become {}; give each once", shown(&output));
+            return Err(Error::usage(what));
+        }
+    }
+    Ok(names.into_iter().map(|name| folder.join(format!("{name}.rlv"))).collect())
+}
+
+/// Inputs whose outputs would have one name: also where a file system takes no notice of capitals.
+fn alike(names: &[String]) -> Option<Vec<usize>> {
+    let mut groups: HashMap<String, Vec<usize>> = HashMap::with_capacity(names.len());
+    for (i, name) in names.iter().enumerate() {
+        groups.entry(name.to_lowercase()).or_default().push(i);
+    }
+    groups.into_values().filter(|group| group.len() > 1).min()
+}
+
+/// The name of an output without `.rlv`.
+fn stem(input: &Path) -> String {
+    let name = build::output_name(input).to_string_lossy().into_owned();
+    name.strip_suffix(".rlv").map(str::to_owned).unwrap_or(name)
+}
+
+/// The names of the folders that an input lies in, the nearest last.
+fn folders(input: &Path) -> Vec<String> {
+    let absolute = std::path::absolute(input).unwrap_or_else(|_| input.to_owned());
+    let parts = absolute.parent().into_iter().flat_map(Path::components);
+    let named = parts.filter_map(|part| match part {
+        std::path::Component::Normal(name) => Some(name.to_string_lossy().into_owned()),
+        _ => None,
+    });
+    named.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn named(inputs: &[&str]) -> Result<Vec<String>, String> {
+        let inputs: Vec<PathBuf> = inputs.iter().map(PathBuf::from).collect();
+        let outputs = outputs(&inputs, Path::new("out")).map_err(|error| error.to_string())?;
+        let name = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());
+        Ok(outputs.iter().filter_map(name).collect())
+    }
+
+    #[test]
+    fn outputs_are_told_apart_by_their_folders() {
+        let names = |inputs: &[&str]| named(inputs).expect("names");
+        assert_eq!(names(&["/a/x.tif", "/b/y.tif"]), ["x.rlv", "y.rlv"]);
+        assert_eq!(names(&["/a/x.tif", "/b/x.tif", "/b/y.tif"]), ["a-x.rlv", "b-x.rlv", "y.rlv"]);
+        assert_eq!(names(&["/p/a/x.tif", "/q/a/x.tif"]), ["p-a-x.rlv", "q-a-x.rlv"]);
+        assert_eq!(names(&["/a/x.tif", "/a/X.hgt"]), ["x-tif.rlv", "X-hgt.rlv"]);
+        assert_eq!(names(&["/a/x.tif", "/a/x.hgt", "/b/x.tif"]), ["a-x-tif.rlv", "a-x-hgt.rlv", "b-x.rlv"]);
+        // A name that is made may be another's own.
+        assert_eq!(names(&["/a/x.tif", "/b/x.tif", "/c/a-x.tif"]).len(), 3);
+        assert!(named(&["/a/x.tif", "/a/x.tif"]).expect_err("twice").contains("would both become"));
+        assert!(named(&["/a/x.tif", "/a/./x.tif"]).is_err());
+    }
+}
