@@ -7,7 +7,9 @@ pub const FOV: f64 = 50.0;
 /// Highest pitch of the controls, radians: just short of straight up.
 const STEEPEST: f64 = 1.55;
 
-/// Where a camera stands and what it looks at: column, row and height in metres, whatever the exaggeration.
+/// Where a camera stands and what it looks at: column, row and height in metres, whatever the exaggeration. That raises the target, which
+/// is a place of the terrain, and moves the camera along: how far above the target it stands is never exaggerated, or the terrain would
+/// leave the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Where it stands.
@@ -17,10 +19,26 @@ pub struct Pose {
 }
 
 impl Pose {
+    /// The pose with eye and target at these places of the frame.
+    pub fn of(frame: &Frame, eye: [f64; 3], target: [f64; 3]) -> Self {
+        let [column, row, _] = frame.lattice(eye);
+        let above = eye[2] - target[2];
+        let target = frame.lattice(target);
+        Self { eye: [column, row, target[2] + above], target }
+    }
+
+    /// Where eye and target are in the frame.
+    pub fn places(&self, frame: &Frame) -> ([f64; 3], [f64; 3]) {
+        let [column, row, height] = self.target;
+        let target = frame.position(column, row, height);
+        let [x, y, _] = frame.position(self.eye[0], self.eye[1], 0.0);
+        ([x, y, target[2] + (self.eye[2] - height)], target)
+    }
+
     /// What it sees; `fov` is the vertical field of view in degrees, `size` in pixels.
     pub fn view(&self, frame: &Frame, fov: f64, size: (u32, u32)) -> View {
-        let place = |[column, row, height]: [f64; 3]| frame.position(column, row, height);
-        View::look_at(place(self.eye), place(self.target), fov.to_radians(), size, near(frame))
+        let (eye, target) = self.places(frame);
+        View::look_at(eye, target, fov.to_radians(), size, near(frame))
     }
 }
 
@@ -88,8 +106,7 @@ pub struct Rig {
 impl Rig {
     /// Stands where a pose stands and looks where it looks.
     pub fn new(pose: &Pose, frame: &Frame) -> Self {
-        let place = |[column, row, height]: [f64; 3]| frame.position(column, row, height);
-        let (eye, target) = (place(pose.eye), place(pose.target));
+        let (eye, target) = pose.places(frame);
         let d: [f64; 3] = std::array::from_fn(|i| target[i] - eye[i]);
         let distance = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt().max(near(frame));
         let pitch = (d[2] / distance).clamp(-1.0, 1.0).asin().clamp(-STEEPEST, STEEPEST);
@@ -111,7 +128,7 @@ impl Rig {
 
     /// The pose on the lattice of `frame`.
     pub fn pose(&self, frame: &Frame) -> Pose {
-        Pose { eye: frame.lattice(self.eye), target: frame.lattice(self.ahead(self.distance)) }
+        Pose::of(frame, self.eye, self.ahead(self.distance))
     }
 
     /// Turns by angles in radians: the look of a flight, the way round of an orbit.
@@ -144,9 +161,16 @@ impl Rig {
         }
     }
 
-    /// Other heights: the eye keeps its place over the terrain.
-    pub fn exaggerate(&mut self, before: f64, after: f64) {
-        self.eye[2] *= after / before;
+    /// Other heights: the eye stays as far above the ground, which is so many metres high, as it was.
+    pub fn exaggerate(&mut self, before: f64, after: f64, ground: f64) {
+        self.eye[2] += ground * (after - before);
+    }
+
+    /// Moves level by metres ahead, as seen from above, and to the right.
+    pub fn slide(&mut self, ahead: f64, right: f64) {
+        let (sin, cos) = self.yaw.sin_cos();
+        self.eye[0] += sin * ahead + cos * right;
+        self.eye[1] += cos * ahead - sin * right;
     }
 
     /// Keeps the eye at least `clearance` metres above the ground.
@@ -179,11 +203,32 @@ mod tests {
     }
 
     #[test]
+    fn a_taller_terrain_stays_in_the_picture() {
+        let pose = Pose { eye: [100.0, 300.0, 900.0], target: [120.0, 100.0, 500.0] };
+        let flat = Frame { exaggeration: 1.0, ..FRAME };
+        let before = pose.view(&flat, FOV, (64, 48));
+        for exaggeration in [0.1, 1.0, 5.0, 50.0] {
+            let frame = Frame { exaggeration, ..FRAME };
+            let after = pose.view(&frame, FOV, (64, 48));
+            close(after.forward, before.forward);
+            let [column, row, height] = pose.target;
+            let pixel = after.pixel(frame.position(column, row, height)).unwrap();
+            assert!((pixel[0] - 32.0).abs() < 1e-6 && (pixel[1] - 24.0).abs() < 1e-6, "{pixel:?}");
+            // In the window too: what lies below stays as far below.
+            let mut rig = Rig::new(&pose, &flat);
+            let above = rig.eye[2] - 450.0;
+            rig.exaggerate(1.0, exaggeration, 450.0);
+            assert!((rig.eye[2] - 450.0 * exaggeration - above).abs() < 1e-6);
+        }
+    }
+
+    #[test]
     fn an_orbit_keeps_its_pivot_and_a_flight_its_eye() {
         let pose = Pose { eye: [100.0, 300.0, 900.0], target: [120.0, 100.0, 500.0] };
         let mut rig = Rig::new(&pose, &FRAME);
+        let before = rig.eye;
         rig.turn(0.3, -0.1);
-        close(rig.pose(&FRAME).eye, pose.eye);
+        close(rig.eye, before);
         let mut rig = Rig { mode: Mode::Orbit, ..Rig::new(&pose, &FRAME) };
         rig.turn(1.0, 0.2);
         rig.zoom(3.0);

@@ -2,16 +2,18 @@
 //!
 //! Exit codes: 0 done, 2 could not do it. Figures of a run go to standard output, everything else to standard error.
 
-use std::io::{self, Write};
+use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{ArgGroup, Parser, ValueEnum};
+use anstream::{AutoStream, ColorChoice};
+use clap::{ArgGroup, CommandFactory, FromArgMatches, Parser, ValueEnum};
 use relevo::select::EdgeRule;
+use relevo::text::printable;
 use relevo_viewer::governor::Target;
 use relevo_viewer::gpu::Paint;
 use relevo_viewer::headless::{self, Journey, Shot, Summary};
-use relevo_viewer::settings::{self, Lod, Settings};
+use relevo_viewer::settings::{self, Coordinates, Lod, Settings};
 use relevo_viewer::window;
 
 const AFTER: &str = "\
@@ -25,6 +27,7 @@ A camera path is JSON:
   time    seconds, rising
   eye     column, row, height in metres; or world: x, y in the file's coordinate system, height in metres
   target  what is in the middle of the picture, in the same terms
+  --exaggeration raises the target with the terrain, and the eye by as much: it stays as far above the target.
   Between keys the camera follows a smooth curve. The window records such a path with R.
 
 Exit codes: 0 done, 2 could not do it.
@@ -94,45 +97,102 @@ struct Cli {
     #[arg(long, help_heading = "Without a window")]
     headless: bool,
     /// Camera path (JSON); auto, or nothing: a flight over the terrain
-    #[arg(long, value_name = "JSON", requires = "headless", help_heading = "Without a window")]
+    #[arg(
+        long,
+        value_name = "JSON",
+        requires = "headless",
+        conflicts_with = "shot",
+        help_heading = "Without a window"
+    )]
     path: Option<PathBuf>,
     /// Folder for one PNG a frame
-    #[arg(long, value_name = "DIR", requires = "headless", help_heading = "Without a window")]
+    #[arg(
+        long,
+        value_name = "DIR",
+        requires = "headless",
+        conflicts_with = "shot",
+        help_heading = "Without a window"
+    )]
     frames: Option<PathBuf>,
     /// File for one row of figures a frame
-    #[arg(long, value_name = "CSV", requires = "headless", help_heading = "Without a window")]
+    #[arg(
+        long,
+        value_name = "CSV",
+        requires = "headless",
+        conflicts_with = "shot",
+        help_heading = "Without a window"
+    )]
     metrics: Option<PathBuf>,
     /// Frames, evenly along the path
     #[arg(
         long,
         value_name = "N",
         requires = "headless",
-        conflicts_with = "fps",
+        conflicts_with_all = ["fps", "shot"],
         help_heading = "Without a window"
     )]
     #[arg(value_parser = clap::value_parser!(u32).range(1..))]
     count: Option<u32>,
     /// Frames for each second of the path
     #[arg(long, value_name = "N", default_value = "30", value_parser = settings::positive)]
-    #[arg(requires = "headless", help_heading = "Without a window")]
+    #[arg(requires = "headless", conflicts_with = "shot", help_heading = "Without a window")]
     fps: f64,
     /// Draw what is loaded at that moment; without it every frame waits for everything
-    #[arg(long, requires = "headless", help_heading = "Without a window")]
+    #[arg(long, requires = "headless", conflicts_with = "shot", help_heading = "Without a window")]
     streaming: bool,
     /// Measure how far every sample in view is off in pixels, from what was really drawn (slow)
-    #[arg(long, requires = "headless", help_heading = "Without a window")]
+    #[arg(long, requires = "headless", conflicts_with = "shot", help_heading = "Without a window")]
     observe: bool,
     /// Write one picture, with everything loaded
     #[arg(long, value_name = "PNG", help_heading = "Without a window")]
     shot: Option<PathBuf>,
-    /// Where the camera of the picture stands; an overview without it
-    #[arg(long, value_name = "COLUMN,ROW,HEIGHT", allow_hyphen_values = true, value_parser = settings::place)]
-    #[arg(requires = "shot", help_heading = "Without a window")]
+    /// Where the camera of the picture stands, above the ground in any case; an overview without it
+    #[arg(long, value_name = "X,Y,HEIGHT", allow_hyphen_values = true, value_parser = settings::place)]
+    #[arg(requires = "shot", conflicts_with = "headless", help_heading = "Without a window")]
     eye: Option<[f64; 3]>,
     /// What it looks at
-    #[arg(long, value_name = "COLUMN,ROW,HEIGHT", allow_hyphen_values = true, value_parser = settings::place)]
-    #[arg(requires = "shot", help_heading = "Without a window")]
+    #[arg(long, value_name = "X,Y,HEIGHT", allow_hyphen_values = true, value_parser = settings::place)]
+    #[arg(requires = "shot", conflicts_with = "headless", help_heading = "Without a window")]
     target: Option<[f64; 3]>,
+    /// What X and Y of --eye and --target are: column and row, the file's coordinate system, or longitude and latitude in
+    /// degrees; HEIGHT is in metres
+    #[arg(long, value_name = "WHAT", value_enum, default_value = "samples")]
+    #[arg(requires = "shot", conflicts_with = "headless", help_heading = "Without a window")]
+    coordinates: CoordinatesName,
+    /// Replace pictures and figures that are there
+    #[arg(long, short, requires = "mode", help_heading = "Without a window")]
+    force: bool,
+
+    /// No figures at the end; errors and what was odd stay
+    #[arg(long, short, help_heading = "What is said")]
+    quiet: bool,
+    /// Colours on standard error: auto is on a terminal, unless `NO_COLOR` is set
+    #[arg(long, value_name = "WHEN", value_enum, default_value = "auto", help_heading = "What is said")]
+    color: Color,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum CoordinatesName {
+    Samples,
+    Crs,
+    Lonlat,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Color {
+    Auto,
+    Always,
+    Never,
+}
+
+impl Color {
+    fn choice(self) -> ColorChoice {
+        match self {
+            Self::Auto => ColorChoice::Auto,
+            Self::Always => ColorChoice::Always,
+            Self::Never => ColorChoice::Never,
+        }
+    }
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -199,21 +259,58 @@ impl Cli {
             metrics: self.metrics.clone(),
             streaming: self.streaming,
             observe: self.observe,
+            force: self.force,
+        }
+    }
+
+    fn shot(&self) -> Shot {
+        Shot {
+            eye: self.eye,
+            target: self.target,
+            coordinates: match self.coordinates {
+                CoordinatesName::Samples => Coordinates::Samples,
+                CoordinatesName::Crs => Coordinates::Crs,
+                CoordinatesName::Lonlat => Coordinates::LonLat,
+            },
+            force: self.force,
         }
     }
 }
 
+/// The command line. What is wrong with it is told in the colours that it asks for, on a page of 80 columns where nobody says how wide
+/// it is.
+fn parse() -> Cli {
+    let words: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
+    let asked = |when: &str| {
+        let apart = words.windows(2).any(|pair| pair[0] == "--color" && pair[1] == when);
+        apart || words.iter().any(|word| *word == format!("--color={when}"))
+    };
+    let color = match (asked("always"), asked("never")) {
+        (true, _) => clap::ColorChoice::Always,
+        (_, true) => clap::ColorChoice::Never,
+        _ => clap::ColorChoice::Auto,
+    };
+    let mut command = Cli::command().color(color);
+    if !io::stdout().is_terminal() {
+        command = command.term_width(80);
+    }
+    Cli::from_arg_matches(&command.get_matches()).unwrap_or_else(|error| error.exit())
+}
+
 /// Parses, runs, and turns the outcome into an exit code.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = parse();
     let settings = cli.settings();
-    let mut tell = |line: &str| {
-        let _ = writeln!(io::stderr(), "relevo-viewer: {line}");
+    let choice = cli.color.choice();
+    let say = |colour: &str, line: &str| {
+        let mut err = AutoStream::new(io::stderr().lock(), choice);
+        let plain = if colour.is_empty() { "" } else { "\x1b[0m" };
+        let _ = writeln!(err, "{colour}relevo-viewer: {plain}{}", printable(line));
     };
+    let mut tell = |line: &str| say("", line);
     let outcome = match (&cli.shot, cli.headless) {
         (Some(output), _) => {
-            let shot = Shot { eye: cli.eye, target: cli.target };
-            headless::shot(&settings, shot, output, &mut tell).map(|summary| Some(("picture", summary)))
+            headless::shot(&settings, cli.shot(), output, &mut tell).map(|summary| Some(("picture", summary)))
         }
         (None, true) => {
             headless::journey(&settings, &cli.journey(), &mut tell).map(|summary| Some(("path", summary)))
@@ -222,14 +319,15 @@ pub fn main() -> ExitCode {
     };
     match outcome {
         Ok(summary) => {
-            if let Some((what, summary)) = summary {
+            if let Some((what, summary)) = summary.filter(|_| !cli.quiet) {
                 // A reader that closes the pipe is no error.
                 let _ = print(what, &summary);
             }
             ExitCode::SUCCESS
         }
         Err(error) => {
-            tell(&error.to_string());
+            // Bold red, as clap writes `error:`.
+            say("\x1b[1m\x1b[31m", &error.to_string());
             ExitCode::from(2)
         }
     }

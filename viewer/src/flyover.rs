@@ -13,17 +13,16 @@ const SECONDS: f64 = 20.0;
 /// Places of the low flight, as fractions of the raster's width and height: it meanders from the south to the north.
 const FLIGHT: [[f64; 2]; 5] = [[0.45, 0.80], [0.60, 0.66], [0.40, 0.52], [0.58, 0.38], [0.50, 0.22]];
 
-/// The pose that shows all of a file, from the south.
-pub fn overview(reader: &Reader) -> Result<Pose> {
-    let land = Land::new(reader)?;
+/// The pose that shows all of a file, its heights times `exaggeration`, from the south.
+pub fn overview(reader: &Reader, exaggeration: f64) -> Result<Pose> {
+    let land = Land::new(reader, exaggeration)?;
     Ok(land.overview())
 }
 
-/// The path: the same for the same file.
-pub fn path(reader: &Reader) -> Result<CameraPath> {
-    let land = Land::new(reader)?;
-    let overview = land.overview();
-    let mut keys = vec![Key { time: 0.0, pose: overview }];
+/// The path: the same for the same file and exaggeration.
+pub fn path(reader: &Reader, exaggeration: f64) -> Result<CameraPath> {
+    let land = Land::new(reader, exaggeration)?;
+    let mut keys = vec![Key { time: 0.0, pose: land.overview() }];
     let step = SECONDS / (FLIGHT.len() as f64 + 1.0);
     // The last place that is looked at lies beyond the last that is flown over.
     let beyond = FLIGHT[FLIGHT.len() - 1].map(|c| c * 0.6);
@@ -32,17 +31,18 @@ pub fn path(reader: &Reader) -> Result<CameraPath> {
         let time = step * (index as f64 + 1.0);
         keys.push(Key { time, pose: land.low_flight(place, next)? });
     }
-    let [column, row, height] = keys[keys.len() - 1].pose.eye;
-    let eye = [column, row, height + 0.25 * land.side];
-    keys.push(Key { time: SECONDS, pose: Pose { eye, target: land.at([0.5, 0.5], land.low) } });
+    let ([x, y, z], _) = keys[keys.len() - 1].pose.places(&land.frame);
+    let pose = Pose::of(&land.frame, [x, y, z + 0.25 * land.side], land.at([0.5, 0.5], land.low));
+    keys.push(Key { time: SECONDS, pose });
     CameraPath::new(FOV, keys)
 }
 
-/// Extent of a file.
+/// Extent of a file, in the frame.
 struct Land<'a> {
     reader: &'a Reader,
     columns: f64,
     rows: f64,
+    /// Lowest and highest ground as drawn, metres.
     low: f64,
     high: f64,
     /// Metres of the longer side.
@@ -51,19 +51,21 @@ struct Land<'a> {
 }
 
 impl<'a> Land<'a> {
-    fn new(reader: &'a Reader) -> Result<Self> {
+    fn new(reader: &'a Reader, exaggeration: f64) -> Result<Self> {
         let header = reader.header();
-        let frame = Frame::of(reader);
+        let frame = Frame { exaggeration, ..Frame::of(reader) };
         let absent = || Error::format("index", "a root tile", "none").at(reader.path());
         let root = reader.entry(TileId::ROOT)?.ok_or_else(absent)?;
         let (columns, rows) = (f64::from(header.width - 1), f64::from(header.height - 1));
         let side = (columns * frame.dx).max(rows * frame.dy).max(frame.dx);
-        Ok(Self { reader, columns, rows, low: root.min_m.into(), high: root.max_m.into(), side, frame })
+        let [low, high] = [root.min_m, root.max_m].map(|metres| f64::from(metres) * exaggeration);
+        Ok(Self { reader, columns, rows, low, high, side, frame })
     }
 
-    /// A place by fractions of the raster.
-    fn at(&self, [x, y]: [f64; 2], height: f64) -> [f64; 3] {
-        [x * self.columns, y * self.rows, height]
+    /// A place of the frame, by fractions of the raster and metres as drawn.
+    fn at(&self, [x, y]: [f64; 2], z: f64) -> [f64; 3] {
+        let [x, y, _] = self.frame.position(x * self.columns, y * self.rows, 0.0);
+        [x, y, z]
     }
 
     /// From the south, from far enough away that all corners are in a picture of 16 to 10.
@@ -73,11 +75,11 @@ impl<'a> Land<'a> {
         let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
         let mut away = 0.25 * self.side;
         loop {
-            let eye = [target[0], target[1] + away / self.frame.dy, self.high + 0.8 * away];
-            let pose = Pose { eye, target };
+            let eye = [target[0], target[1] - away, self.high + 0.8 * away];
+            let pose = Pose::of(&self.frame, eye, target);
             let view = pose.view(&self.frame, FOV, (1600, 1000));
-            let seen = |[column, row, height]: [f64; 3]| {
-                let pixel = view.pixel(self.frame.position(column, row, height));
+            let seen = |place: [f64; 3]| {
+                let pixel = view.pixel(place);
                 pixel.is_some_and(|[x, y]| (0.0..1600.0).contains(&x) && (0.0..1000.0).contains(&y))
             };
             let all =
@@ -91,16 +93,15 @@ impl<'a> Land<'a> {
 
     /// Above all that is near, looking to the next place and slightly down.
     fn low_flight(&self, place: [f64; 2], next: [f64; 2]) -> Result<Pose> {
-        let [column, row, _] = self.at(place, 0.0);
-        let height = self.highest_near(column, row)? + 0.012 * self.side;
-        let mut target = self.at(next, height - 0.06 * self.side);
+        let height = self.highest_near(place)? + 0.012 * self.side;
         // Raise the look where the ground ahead is high.
-        target[2] = target[2].max(self.highest_near(target[0], target[1])? - 0.05 * self.side);
-        Ok(Pose { eye: [column, row, height], target })
+        let ahead = (height - 0.06 * self.side).max(self.highest_near(next)? - 0.05 * self.side);
+        Ok(Pose::of(&self.frame, self.at(place, height), self.at(next, ahead)))
     }
 
-    /// Greatest height within about a thirtieth of the raster, from the index alone.
-    fn highest_near(&self, column: f64, row: f64) -> Result<f64> {
+    /// Greatest height as drawn within about a thirtieth of the raster, from the index alone.
+    fn highest_near(&self, [x, y]: [f64; 2]) -> Result<f64> {
+        let (column, row) = (x * self.columns, y * self.rows);
         let header = self.reader.header();
         let level = header.levels.min(5);
         let side = f64::from(header.tile()) * f64::from(header.spacing(level));
@@ -112,6 +113,6 @@ impl<'a> Land<'a> {
                 highest = highest.max(entry.max_m.into());
             }
         }
-        Ok(if highest.is_finite() { highest } else { self.high })
+        Ok(if highest.is_finite() { highest * self.frame.exaggeration } else { self.high })
     }
 }

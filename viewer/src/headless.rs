@@ -1,21 +1,23 @@
 //! Pictures and figures without a window.
 
-use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use relevo::select::{EdgeRule, Levels, Selection, View};
-use relevo::{Error, Result, observed};
+use relevo::container::Reader;
+use relevo::geo::CrsKind;
+use relevo::output::{self, NewFile};
+use relevo::select::{EdgeRule, Frame, Levels, Selection, View};
+use relevo::{Error, Result, observed, surface};
 
-use crate::camera::{FOV, Pose, moved};
+use crate::camera::{FOV, Pose, moved, near};
 use crate::flyover;
 use crate::governor::{Governor, Load};
 use crate::gpu::picture;
 use crate::metrics::{Row, Writer};
 use crate::path::CameraPath;
 use crate::scene::Terrain;
-use crate::settings::{Lod, Settings};
+use crate::settings::{Coordinates, Lod, Settings};
 use crate::stage::{Drawing, Stage, headless_gpu, promised};
 
 /// What to make of a camera path.
@@ -35,6 +37,8 @@ pub struct Journey {
     pub streaming: bool,
     /// Measure the error of what is drawn.
     pub observe: bool,
+    /// Replace frames and metrics that are there.
+    pub force: bool,
 }
 
 /// Most frames of a journey.
@@ -53,10 +57,83 @@ fn full_resolution(selection: &Selection, rule: EdgeRule) -> Levels {
 /// Where a single picture is taken from.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Shot {
-    /// Column, row, height.
+    /// Two coordinates and a height in metres.
     pub eye: Option<[f64; 3]>,
     /// Likewise.
     pub target: Option<[f64; 3]>,
+    /// What the coordinates are.
+    pub coordinates: Coordinates,
+    /// Replace a picture that is there.
+    pub force: bool,
+}
+
+impl Shot {
+    /// The pose: that of an overview as far as nothing else was asked for, above the ground in any case.
+    fn pose(&self, reader: &Reader, frame: &Frame, tell: &mut dyn FnMut(&str)) -> Result<Pose> {
+        let all = flyover::overview(reader, frame.exaggeration)?;
+        let place = |place: Option<[f64; 3]>, or: [f64; 3]| {
+            place.map_or(Ok(or), |place| lattice(place, self.coordinates, reader))
+        };
+        let mut pose = Pose { eye: place(self.eye, all.eye)?, target: place(self.target, all.target)? };
+        if pose.eye == pose.target {
+            return Err(Error::usage("--target: it is where --eye is"));
+        }
+        let [column, row, _] = pose.eye;
+        if let Some(ground) = surface::height_at_sample(reader, column, row)? {
+            let least = ground * frame.exaggeration + CLEARANCE * near(frame);
+            let missing = least - pose.places(frame).0[2];
+            if missing > 0.0 {
+                pose.eye[2] += missing;
+                let (ground, raised) = (ground.round(), pose.eye[2].round());
+                tell(&format!(
+                    "--eye is below the ground, which is {ground} m high there: it is raised to {raised} m"
+                ));
+            }
+        }
+        Ok(pose)
+    }
+}
+
+/// Distances of the near plane that a camera stays above the ground.
+const CLEARANCE: f64 = 4.0;
+
+/// Column, row and height of a place.
+fn lattice([x, y, height]: [f64; 3], coordinates: Coordinates, reader: &Reader) -> Result<[f64; 3]> {
+    let geo = reader.geo();
+    let (x, y) = match coordinates {
+        Coordinates::Samples => return Ok([x, y, height]),
+        Coordinates::Crs => (x, y),
+        Coordinates::LonLat if geo.crs.kind == CrsKind::Geographic => {
+            (x.to_radians() / geo.crs.unit, y.to_radians() / geo.crs.unit)
+        }
+        Coordinates::LonLat => {
+            return Err(Error::usage(format!(
+                "{}: its coordinates are not longitude and latitude; give them in its own system (--coordinates crs)",
+                reader.path().display()
+            )));
+        }
+    };
+    let place = geo.transform.and_then(|_| geo.sample_from_world(x, y));
+    let (column, row) = place.ok_or_else(|| {
+        let name = reader.path().display();
+        Error::usage(format!(
+            "{name}: it has no usable georeference; give columns and rows (--coordinates samples)"
+        ))
+    })?;
+    Ok([column, row, height])
+}
+
+/// Fails if a file is there that may not be replaced.
+fn check_free(file: &Path, force: bool) -> Result<()> {
+    if force || !file.exists() {
+        return Ok(());
+    }
+    Err(Error::usage(format!("{}: exists already; --force replaces it", file.display())))
+}
+
+/// Name of a frame in its folder.
+fn frame_name(frame: u32) -> String {
+    format!("{frame:06}.png")
 }
 
 /// What was seen on a journey.
@@ -80,14 +157,20 @@ pub struct Summary {
 
 /// Draws every frame of a path. `tell` hears of tiles that cannot be read.
 pub fn journey(settings: &Settings, journey: &Journey, tell: &mut dyn FnMut(&str)) -> Result<Summary> {
+    let read: Vec<PathBuf> = std::iter::once(&settings.file).chain(&journey.path).cloned().collect();
     let terrain = Terrain::open(&settings.file, settings.ram_cache)?;
     let path = match &journey.path {
         Some(path) => CameraPath::read(path, terrain.reader().geo())?,
-        None => flyover::path(terrain.reader())?,
+        None => flyover::path(terrain.reader(), settings.exaggeration)?,
     };
     let times = times(&path, journey)?;
     if let Some(folder) = &journey.frames {
+        check_free(&folder.join(frame_name(0)), journey.force)?;
         std::fs::create_dir_all(folder).map_err(|error| Error::io(folder, "create", error))?;
+    }
+    if let Some(file) = &journey.metrics {
+        output::check_apart(file, &read)?;
+        check_free(file, journey.force)?;
     }
     let mut rows = journey.metrics.as_deref().map(open_metrics).transpose()?;
     let mut booth = Booth::new(settings, terrain)?;
@@ -102,7 +185,9 @@ pub fn journey(settings: &Settings, journey: &Journey, tell: &mut dyn FnMut(&str
         (row.frame, row.time) = (frame, time);
         booth.stage.scene.take_problems().iter().for_each(|problem| tell(problem));
         if let Some(folder) = &journey.frames {
-            booth.picture.save(&booth.stage.gpu, &folder.join(format!("{frame:06}.png")))?;
+            let file = folder.join(frame_name(frame));
+            output::check_apart(&file, &read)?;
+            booth.picture.save(&booth.stage.gpu, &file)?;
         }
         if let (Some(rows), Some(file)) = (&mut rows, &journey.metrics) {
             rows.row(&row).map_err(|error| Error::io(file, "write", error))?;
@@ -113,17 +198,24 @@ pub fn journey(settings: &Settings, journey: &Journey, tell: &mut dyn FnMut(&str
         before = Some((view, begun));
         tolerance = governor.next(settings.tolerance, Load { seconds, triangles: row.triangles, moving });
     }
+    if let (Some(rows), Some(file)) = (rows, &journey.metrics) {
+        let whole = rows.into_inner().into_inner();
+        whole.map_err(|error| Error::io(file, "write", error.into_error()))?.commit()?;
+    }
     Ok(summary)
 }
 
 /// Draws one picture with everything loaded and writes it as PNG.
 pub fn shot(settings: &Settings, shot: Shot, output: &Path, tell: &mut dyn FnMut(&str)) -> Result<Summary> {
-    let terrain = Terrain::open(&settings.file, settings.ram_cache)?;
-    let all = flyover::overview(terrain.reader())?;
-    let pose = Pose { eye: shot.eye.unwrap_or(all.eye), target: shot.target.unwrap_or(all.target) };
-    if pose.eye == pose.target {
-        return Err(Error::usage("--target: it is where --eye is"));
+    if !output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
+        let name = output.display();
+        return Err(Error::usage(format!("{name}: expected a name that ends in .png, which pictures are")));
     }
+    output::check_apart(output, std::slice::from_ref(&settings.file))?;
+    check_free(output, shot.force)?;
+    let terrain = Terrain::open(&settings.file, settings.ram_cache)?;
+    let frame = Frame { exaggeration: settings.exaggeration, ..Frame::of(terrain.reader()) };
+    let pose = shot.pose(terrain.reader(), &frame, tell)?;
     let mut booth = Booth::new(settings, terrain)?;
     let view = pose.view(booth.stage.scene.frame(), FOV, settings.size);
     let row = booth.frame(&view, settings.tolerance, &Journey::default())?;
@@ -225,7 +317,6 @@ fn times(path: &CameraPath, journey: &Journey) -> Result<Vec<f64>> {
     Ok((0..count as u32).map(|frame| first + step * f64::from(frame)).collect())
 }
 
-fn open_metrics(path: &Path) -> Result<Writer<BufWriter<File>>> {
-    let file = File::create(path).map_err(|error| Error::io(path, "create", error))?;
-    Writer::new(BufWriter::new(file)).map_err(|error| Error::io(path, "write", error))
+fn open_metrics(path: &Path) -> Result<Writer<BufWriter<NewFile>>> {
+    Writer::new(BufWriter::new(NewFile::create(path, true)?)).map_err(|error| Error::io(path, "write", error))
 }

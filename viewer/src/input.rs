@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta};
 use winit::keyboard::{Key, KeyCode, NamedKey, PhysicalKey};
 
-use crate::camera::{Mode, Rig};
+use crate::camera::{FOV, Mode, Rig};
 use crate::gpu::Paint;
 use crate::stage::PAINTS;
 
@@ -14,7 +14,9 @@ pub const HELP: &[&str] = &[
     "W A S D   fly ahead, left, back, right",
     "Q E       down, up          Shift  5 times as fast",
     "drag      look round (orbit: go round)",
+    "right     drag the ground along",
     "wheel     nearer, farther",
+    "Home      the whole terrain, as at the start",
     "O         orbit or fly",
     "- +       tolerance in pixels",
     "[ ]       exaggeration of heights",
@@ -57,6 +59,8 @@ pub enum Command {
     Record,
     /// Fly or orbit.
     Mode,
+    /// The view of the start.
+    Home,
     /// Panel on or off.
     #[cfg(feature = "ui")]
     Panel,
@@ -70,6 +74,7 @@ pub fn command(key: &Key) -> Option<Command> {
     let text = match key {
         Key::Named(NamedKey::Escape) => return Some(Command::Quit),
         Key::Named(NamedKey::F1) => return Some(Command::Help),
+        Key::Named(NamedKey::Home) => return Some(Command::Home),
         #[cfg(feature = "ui")]
         Key::Named(NamedKey::Tab) => return Some(Command::Panel),
         Key::Character(text) => text.to_lowercase(),
@@ -103,9 +108,11 @@ const PACE: f64 = 0.9;
 #[derive(Clone, Debug, Default)]
 pub struct Input {
     held: HashSet<KeyCode>,
-    dragging: bool,
+    /// The button that is down: the left one turns, the right one moves.
+    dragging: Option<MouseButton>,
     cursor: Option<[f64; 2]>,
-    dragged: [f64; 2],
+    turned: [f64; 2],
+    pulled: [f64; 2],
     notches: f64,
 }
 
@@ -128,15 +135,21 @@ impl Input {
 
     /// A button went down or up.
     pub fn button(&mut self, button: MouseButton, state: ElementState) {
-        if matches!(button, MouseButton::Left | MouseButton::Right) {
-            self.dragging = state == ElementState::Pressed;
+        if !matches!(button, MouseButton::Left | MouseButton::Right) {
+            return;
+        }
+        if state == ElementState::Pressed {
+            self.dragging = Some(button);
+        } else if self.dragging == Some(button) {
+            self.dragging = None;
         }
     }
 
     /// The mouse is here, in pixels.
     pub fn moved(&mut self, to: [f64; 2]) {
-        if let Some(from) = self.cursor.filter(|_| self.dragging) {
-            self.dragged = [self.dragged[0] + to[0] - from[0], self.dragged[1] + to[1] - from[1]];
+        if let Some((from, button)) = self.cursor.zip(self.dragging) {
+            let drag = if button == MouseButton::Left { &mut self.turned } else { &mut self.pulled };
+            *drag = [drag[0] + to[0] - from[0], drag[1] + to[1] - from[1]];
         }
         self.cursor = Some(to);
     }
@@ -156,7 +169,10 @@ impl Input {
 
     /// True if the camera would move.
     pub fn active(&self) -> bool {
-        self.dragged != [0.0; 2] || self.notches != 0.0 || self.direction() != [0.0; 3]
+        self.turned != [0.0; 2]
+            || self.pulled != [0.0; 2]
+            || self.notches != 0.0
+            || self.direction() != [0.0; 3]
     }
 
     /// Ahead, right, up.
@@ -174,9 +190,13 @@ impl Input {
     /// Moves the camera by what was done in `seconds`; `above` are metres above the ground, `pixels` the window's height.
     pub fn drive(&mut self, rig: &mut Rig, seconds: f64, above: f64, pixels: u32) {
         let scale = TURN / f64::from(pixels.max(1));
-        let [x, y] = std::mem::take(&mut self.dragged);
+        let [x, y] = std::mem::take(&mut self.turned);
         // The look follows the hand in flight; in an orbit the same turn makes the near side follow it.
         rig.turn(x * scale, -y * scale);
+        // The ground follows the hand: what is as far ahead as the ground is below moves with the mouse.
+        let [x, y] = std::mem::take(&mut self.pulled);
+        let metres = 2.0 * above * (FOV.to_radians() / 2.0).tan() / f64::from(pixels.max(1));
+        rig.slide(y * metres, -x * metres);
         let notches = std::mem::take(&mut self.notches);
         match rig.mode {
             Mode::Orbit => rig.zoom(notches),
@@ -215,5 +235,21 @@ mod tests {
         assert!(input.active());
         input.drive(&mut rig, 0.1, 100.0, 720);
         assert!(rig.yaw > 0.0 && rig.pitch == 0.0 && !input.active());
+        assert_eq!(rig.eye, [0.0; 3]);
+    }
+
+    #[test]
+    fn the_right_button_drags_the_ground() {
+        let mut rig = Rig { mode: Mode::Fly, eye: [0.0; 3], yaw: 0.0, pitch: -0.5, distance: 1.0 };
+        let mut input = Input::default();
+        input.moved([10.0, 10.0]);
+        input.button(MouseButton::Right, ElementState::Pressed);
+        // The other button ends nothing.
+        input.button(MouseButton::Left, ElementState::Released);
+        input.moved([110.0, 60.0]);
+        input.drive(&mut rig, 0.1, 100.0, 720);
+        assert!(rig.eye[0] < 0.0 && rig.eye[1] > 0.0 && rig.eye[2] == 0.0, "{:?}", rig.eye);
+        assert_eq!((rig.yaw, rig.pitch), (0.0, -0.5));
+        assert_eq!(command(&Key::Named(NamedKey::Home)), Some(Command::Home));
     }
 }

@@ -93,6 +93,11 @@ impl<W: Write> Writer<W> {
         Ok(Self { out })
     }
 
+    /// What was written to.
+    pub fn into_inner(self) -> W {
+        self.out
+    }
+
     /// Writes a row; it is there even if the next frame never comes.
     pub fn row(&mut self, row: &Row) -> io::Result<()> {
         writeln!(self.out, "{}", row.csv())?;

@@ -13,7 +13,7 @@
 //!
 //! `fov` is the vertical field of view in degrees (50 if it is not there). A key has its `time` in seconds, later than that of the key
 //! before, and either `eye` (column, row, height in metres) or `world` (x and y in the file's coordinate system, height in
-//! metres); its `target` is in the same terms. Between keys eye and target follow a smooth curve through all keys; a path
+//! metres); its `target` is in the same terms. Exaggeration raises the target with the terrain, and the eye by as much. Between keys eye and target follow a smooth curve through all keys; a path
 //! of one key is a still picture.
 
 use std::path::Path;
@@ -90,7 +90,7 @@ impl CameraPath {
 
     /// Writes a file.
     pub fn write(&self, path: &Path) -> Result<()> {
-        std::fs::write(path, self.json()).map_err(|error| Error::io(path, "write", error))
+        relevo::output::write(path, self.json().as_bytes(), true)
     }
 
     /// The keys.

@@ -19,6 +19,18 @@ pub enum Lod {
     Full,
 }
 
+/// What the numbers of a place count, before the height in metres.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Coordinates {
+    /// Columns and rows of samples.
+    #[default]
+    Samples,
+    /// The file's own coordinate system.
+    Crs,
+    /// Degrees of longitude and latitude.
+    LonLat,
+}
+
 /// What both the window and the headless run are told.
 #[derive(Clone, Debug)]
 pub struct Settings {
@@ -84,9 +96,9 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| format!("{text:?} is not a number above 0"))
 }
 
-/// Column, row and height of a text such as `600,400,2500`.
+/// Two coordinates and a height of a text such as `600,400,2500`.
 pub fn place(text: &str) -> Result<[f64; 3], String> {
-    let bad = || format!("{text:?} is not a place; write column,row,height: 600,400,2500");
+    let bad = || format!("{text:?} is not a place; write two coordinates and a height: 600,400,2500");
     let numbers: Option<Vec<f64>> = text
         .split(',')
         .map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite()))

@@ -31,6 +31,8 @@ use crate::stage::{Drawing, Stage, promised};
 const NOTICE: Duration = Duration::from_secs(6);
 /// Time between two titles.
 const TITLE: Duration = Duration::from_millis(500);
+/// What stands in the window until somebody touches it.
+const HINT: &str = "H shows the keys, Home the whole terrain";
 /// Frames that are drawn after the last change: uploads and counters need some.
 const SETTLE_FRAMES: u32 = 4;
 
@@ -51,6 +53,8 @@ pub struct Show {
     governor: Governor,
     drawn_tolerance: f64,
     help: bool,
+    /// How to come to the help, until the first key or drag.
+    hint: bool,
     /// The selection that is drawn whatever the camera does, with its steps.
     frozen: Option<(Picture, Levels)>,
     recording: Option<(Instant, Vec<Key>)>,
@@ -76,7 +80,7 @@ impl Show {
         settings: &Settings,
         name: String,
     ) -> Result<Self> {
-        let overview = flyover::overview(terrain.reader())?;
+        let overview = flyover::overview(terrain.reader(), settings.exaggeration)?;
         let (canvas, gpu) = Canvas::new(Arc::clone(&window), display, &settings.adapter)?;
         // A window may become as large as its monitor: its depth buffer is part of the budget.
         let monitor =
@@ -102,6 +106,7 @@ impl Show {
             governor: Governor::new(settings.target, settings.tolerance),
             drawn_tolerance: settings.tolerance,
             help: false,
+            hint: true,
             frozen: None,
             recording: None,
             notices: Vec::new(),
@@ -115,7 +120,7 @@ impl Show {
             visible: true,
             stage,
         };
-        show.notice(format!("{}: H shows the keys", show.stage.gpu.name()));
+        show.notice(show.stage.gpu.name());
         Ok(show)
     }
 
@@ -150,6 +155,13 @@ impl Show {
     /// What is to be said in the terminal.
     pub fn take_messages(&mut self) -> Vec<String> {
         std::mem::take(&mut self.messages)
+    }
+
+    /// The hint has been seen.
+    pub fn end_hint(&mut self) {
+        if std::mem::take(&mut self.hint) {
+            self.quiet = 0;
+        }
     }
 
     fn notice(&mut self, text: String) {
@@ -246,7 +258,18 @@ impl Show {
         self.panel.draw(&self.stage.gpu, &self.canvas, &state, target)
     }
 
+    /// The camera that shows everything, as at the start.
+    fn go_home(&mut self) -> Result<()> {
+        let frame = *self.stage.scene.frame();
+        let overview = flyover::overview(self.stage.scene.reader(), frame.exaggeration)?;
+        self.rig = Rig { mode: self.rig.mode, ..Rig::new(&overview, &frame) };
+        Ok(())
+    }
+
     fn drive(&mut self, seconds: f64) {
+        if self.input.active() {
+            self.end_hint();
+        }
         let above = self.above();
         let height = self.canvas.size().1;
         self.input.drive(&mut self.rig, seconds, above, height);
@@ -264,7 +287,8 @@ impl Show {
 
     fn texts(&mut self, now: Instant) -> Vec<Text> {
         self.notices.retain(|(_, since)| now - *since < NOTICE);
-        let notices = self.notices.iter().map(|(text, _)| text.clone()).collect();
+        let hint = self.hint.then(|| HINT.to_owned());
+        let notices = self.notices.iter().map(|(text, _)| text.clone()).chain(hint).collect();
         let help = if self.help { HELP.iter().copied().map(String::from).collect() } else { Vec::new() };
         vec![Text { lines: help, bottom: false }, Text { lines: notices, bottom: true }]
     }

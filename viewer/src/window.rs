@@ -22,13 +22,31 @@ pub fn run(settings: &Settings, tell: &mut dyn FnMut(&str)) -> Result<()> {
     // Before there is a window: a bad file is a sentence in the terminal.
     let terrain = Terrain::open(&settings.file, settings.ram_cache)?;
     let hint = "there may be no display; --headless and --shot work without one";
-    let events = EventLoop::new()
-        .map_err(|error| Error::unsupported(format!("cannot open a window ({error})"), hint))?;
+    let events = EventLoop::new().map_err(|error| no_window(&error, hint))?;
     let mut app = App { settings, tell, terrain: Some(terrain), show: None, outcome: Ok(()), hidden: false };
     let ran = events.run_app(&mut app);
     app.show = None;
     app.outcome?;
-    ran.map_err(|error| Error::unsupported(format!("the window's events have ended ({error})"), hint))
+    ran.map_err(|error| {
+        Error::unsupported(format!("the window's events have ended ({})", plain(&error.to_string())), hint)
+    })
+}
+
+fn no_window(error: &dyn std::fmt::Display, hint: &str) -> Error {
+    Error::unsupported(format!("cannot open a window ({})", plain(&error.to_string())), hint)
+}
+
+/// What winit says, without the place in its source on the machine that it was compiled on: `os error at /…/mod.rs:767: `.
+fn plain(words: &str) -> &str {
+    let after_line = |rest: &'_ str| -> Option<usize> {
+        let digits = rest.len() - rest.trim_start_matches(|c: char| c.is_ascii_digit()).len();
+        (digits > 0 && rest[digits..].starts_with(": ")).then_some(digits + 2)
+    };
+    let ends = words.match_indices(".rs:").filter_map(|(at, found)| {
+        let from = at + found.len();
+        after_line(&words[from..]).map(|length| from + length)
+    });
+    &words[ends.last().unwrap_or(0)..]
 }
 
 struct App<'a> {
@@ -48,12 +66,8 @@ impl App<'_> {
         let attributes = Window::default_attributes()
             .with_title(format!("Relevo - {name}"))
             .with_inner_size(PhysicalSize::new(width, height));
-        let window = events.create_window(attributes).map_err(|error| {
-            Error::unsupported(
-                format!("cannot open a window ({error})"),
-                "--headless and --shot work without one",
-            )
-        })?;
+        let window = events.create_window(attributes);
+        let window = window.map_err(|error| no_window(&error, "--headless and --shot work without one"))?;
         let terrain = match self.terrain.take() {
             Some(terrain) => terrain,
             None => Terrain::open(&self.settings.file, self.settings.ram_cache)?,
@@ -139,5 +153,19 @@ impl ApplicationHandler for App<'_> {
     fn suspended(&mut self, _: &ActiveEventLoop) {
         // The surface is not valid any more; `resumed` makes another one.
         self.show = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::plain;
+
+    #[test]
+    fn no_place_of_another_machine_is_told() {
+        let words = "os error at /home/x/.cargo/registry/src/index-1/winit-0.30/src/mod.rs:767: neither WAYLAND_DISPLAY nor DISPLAY is set.";
+        assert_eq!(plain(words), "neither WAYLAND_DISPLAY nor DISPLAY is set.");
+        for words in ["no display", "a.rs: b", "a.rs:12 b", ""] {
+            assert_eq!(plain(words), words);
+        }
     }
 }

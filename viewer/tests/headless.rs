@@ -122,7 +122,7 @@ fn one_picture_is_of_the_place_that_was_asked_for() {
     assert!(out.contains("largest promised error"), "{out}");
     let all = covered(&output);
     assert!((0.1..0.95).contains(&all), "an overview shows land and sky, not {all}");
-    let down = ["--eye", "76,93,9000", "--target", "76,92,2000", "--paint", "step", "--wireframe"];
+    let down = ["--eye", "76,93,9000", "--target", "76,92,2000", "--paint", "step", "--wireframe", "--force"];
     run(viewer().arg(&file).args(["--size", "300x200"]).args(down).arg("--shot").arg(&output), 0);
     let (_, _, bytes, channels) = png(&output);
     let colours: std::collections::HashSet<_> = bytes.chunks_exact(channels).collect();
@@ -174,7 +174,7 @@ fn a_damaged_tile_is_reported_once_and_drawn_from_its_parent() {
         let mut command = viewer();
         command
             .arg(&file)
-            .args(["--headless", "--count", "8", "--size", "320x200", "--tolerance", "0.1"])
+            .args(["--headless", "--count", "8", "--size", "320x200", "--tolerance", "0.1", "--force"])
             .args(mode);
         let (_, errors) = run(command.arg("--metrics").arg(&csv).arg("--frames").arg(&frames), 0);
         let told: Vec<_> = errors.lines().filter(|line| line.contains(&format!("{leaf}/2/3"))).collect();
@@ -219,6 +219,9 @@ fn arguments_that_make_no_sense_are_refused() {
         (&["--lod", "tiles"], "--headless|--shot"),
         (&["--lod", "hybrid"], "--headless|--shot"),
         (&["--headless", "--shot", "a.png"], "--shot"),
+        (&["--shot", "a.jpg"], ".png"),
+        (&["--shot", "a"], ".png"),
+        (&["--force"], "--headless|--shot"),
         (&["--target-fps", "30", "--max-triangles", "100"], "--max-triangles"),
     ] {
         let (_, errors) = run(viewer().arg(&file).args(arguments), 2);
@@ -262,7 +265,15 @@ fn what_a_damaged_leaf_hides_is_not_said_to_be_measured() {
     for tolerance in ["0.1", "50"] {
         for mode in [&[][..], &["--streaming"]] {
             let mut command = viewer();
-            command.arg(&file).args(["--headless", "--count", "8", "--size", "320x200", "--observe"]);
+            command.arg(&file).args([
+                "--headless",
+                "--count",
+                "8",
+                "--size",
+                "320x200",
+                "--observe",
+                "--force",
+            ]);
             command.args(["--tolerance", tolerance]).args(mode);
             let (out, errors) = run(command.arg("--metrics").arg(&csv), 2);
             assert!(out.is_empty(), "{out}");
@@ -271,4 +282,137 @@ fn what_a_damaged_leaf_hides_is_not_said_to_be_measured() {
             assert!(last.contains(&format!("{leaf}/2/3")), "{errors}");
         }
     }
+}
+
+/// Every option of one of the two programs without a window, with the other one: it must not be passed over in silence.
+#[test]
+fn options_of_one_mode_are_refused_in_the_other() {
+    let (folder, file) = rmnp();
+    let journey: &[&[&str]] = &[
+        &["--path", "auto"],
+        &["--frames", "frames"],
+        &["--metrics", "figures.csv"],
+        &["--count", "2"],
+        &["--fps", "10"],
+        &["--streaming"],
+        &["--observe"],
+    ];
+    let shot: &[&[&str]] = &[&["--eye", "1,1,9000"], &["--target", "2,2,0"], &["--coordinates", "crs"]];
+    for (mode, options) in
+        [(&["--shot", "a.png"][..], journey), (&["--headless"], shot), (&[], journey), (&[], shot)]
+    {
+        for option in options {
+            let mut command = viewer();
+            let (out, errors) =
+                run(command.current_dir(folder.path()).arg(&file).args(mode).args(*option), 2);
+            assert!(out.is_empty() && errors.contains("--"), "{mode:?} {option:?}: {errors}");
+        }
+    }
+    assert_eq!(fs::read_dir(folder.path()).expect("folder").count(), 1, "something was written");
+}
+
+#[test]
+fn what_is_there_is_replaced_only_with_a_word() {
+    let (folder, file) = rmnp();
+    let at = |name: &str| folder.path().join(name);
+    fs::create_dir(at("frames")).expect("folder");
+    for name in ["shot.png", "figures.csv", "frames/000000.png"] {
+        fs::write(at(name), "precious").expect("write");
+    }
+    let ours = |args: &[&str], code: i32| {
+        let mut command = viewer();
+        run(command.current_dir(folder.path()).arg(&file).args(["--size", "64x48"]).args(args), code)
+    };
+    for (args, name) in [
+        (&["--shot", "shot.png"][..], "shot.png"),
+        (&["--headless", "--count", "1", "--metrics", "figures.csv"], "figures.csv"),
+        (&["--headless", "--count", "1", "--frames", "frames"], "frames/000000.png"),
+    ] {
+        let (_, errors) = ours(args, 2);
+        assert!(errors.contains(name) && errors.contains("--force"), "{errors}");
+        assert_eq!(fs::read(at(name)).expect("still there"), b"precious");
+        let (out, _) = ours(&[args, &["--force", "--quiet"]].concat(), 0);
+        assert!(out.is_empty(), "{out}");
+        assert_ne!(fs::read(at(name)).expect("replaced"), b"precious");
+    }
+}
+
+#[test]
+fn a_taller_terrain_stays_in_the_picture() {
+    let (folder, file) = rmnp();
+    let picture = |name: &str, args: &[&str]| {
+        let output = folder.path().join(name);
+        let (_, errors) =
+            run(viewer().arg(&file).args(["--size", "300x200"]).args(args).arg("--shot").arg(&output), 0);
+        (covered(&output), errors)
+    };
+    // (Much taller than that, the corner that is taken for sky is a mountain in a low flight.)
+    for exaggeration in ["1", "5"] {
+        let tall = ["--exaggeration", exaggeration];
+        let (all, _) = picture(&format!("all-{exaggeration}.png"), &tall);
+        assert!((0.05..0.99).contains(&all), "{exaggeration}: {all}");
+        let place = ["--eye", "76,150,5000", "--target", "76,92,2500"];
+        let (near, _) = picture(&format!("near-{exaggeration}.png"), &[&tall[..], &place].concat());
+        assert!(near > 0.3, "{exaggeration}: {near}");
+        let mut command = viewer();
+        let frames = folder.path().join(format!("frames-{exaggeration}"));
+        command.arg(&file).args(["--headless", "--count", "5", "--size", "300x200"]).args(tall);
+        run(command.arg("--frames").arg(&frames), 0);
+        assert!(
+            (0..5).all(|frame| covered(&frames.join(format!("{frame:06}.png"))) > 0.05),
+            "{exaggeration}"
+        );
+    }
+    // Below the ground there is nothing to see: the eye is raised, and it is told.
+    let (_, errors) = picture("below.png", &["--eye", "76,93,-500", "--target", "80,20,2500"]);
+    assert!(errors.contains("below the ground") && errors.lines().count() == 1, "{errors}");
+}
+
+#[test]
+fn a_place_may_be_given_in_the_coordinates_of_the_file() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = fixture(folder.path(), "co_elevation_float32_lzw.tif", 64, 16);
+    let reader = Reader::open(&file).expect("open");
+    let geo = reader.geo();
+    let world = |column: f64, row: f64, height: f64| {
+        let (x, y) = geo.world_from_sample(column, row);
+        format!("{x},{y},{height}")
+    };
+    let shot = |name: &str, args: &[&str]| {
+        let output = folder.path().join(name);
+        run(viewer().arg(&file).args(["--size", "200x150"]).args(args).arg("--shot").arg(&output), 0);
+        png(&output).2
+    };
+    let samples = shot("a.png", &["--eye", "500,600,9000", "--target", "500,300,2000"]);
+    let (eye, target) = (world(500.0, 600.0, 9000.0), world(500.0, 300.0, 2000.0));
+    for what in ["crs", "lonlat"] {
+        let args = ["--coordinates", what, "--eye", &eye, "--target", &target];
+        let same = shot(&format!("{what}.png"), &args);
+        let unlike = same.iter().zip(&samples).filter(|(a, b)| a.abs_diff(**b) > 8).count();
+        assert!(unlike < samples.len() / 100, "{what}: {unlike} bytes of {}", samples.len());
+    }
+    let projected = common::Hills::new(65).build(folder.path(), 32, 8);
+    let mut command = viewer();
+    command.current_dir(folder.path()).arg(&projected).args([
+        "--shot",
+        "x.png",
+        "--coordinates",
+        "lonlat",
+        "--eye",
+        "1,2,3",
+    ]);
+    let (_, errors) = run(&mut command, 2);
+    assert!(errors.contains("--coordinates crs"), "{errors}");
+}
+
+#[test]
+fn rasters_in_the_place_of_terrain_are_named() {
+    let dem = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/dem/rmnp_dem_uint16.tif");
+    for mode in [&[][..], &["--headless"]] {
+        let (_, errors) = run(viewer().arg(&dem).args(mode), 2);
+        assert!(errors.contains("a TIFF") && errors.contains("relevo build"), "{errors}");
+        assert!(!errors.contains("\x1b["), "{errors:?}");
+    }
+    let (_, errors) = run(viewer().arg(&dem).args(["--color", "always"]), 2);
+    assert!(errors.contains("\x1b[31m"), "{errors:?}");
 }

@@ -32,14 +32,17 @@ fn images_lie_on_the_terrain_within_the_budget() {
     run(viewer().arg(&file).args(FROM_ABOVE).arg("--shot").arg(&shot), 0);
     let (red, green) = shares(&shot);
     assert!(red > 0.3 && green > 0.3, "red {red}, green {green}");
-    run(viewer().arg(&file).args(FROM_ABOVE).args(["--paint", "tint"]).arg("--shot").arg(&shot), 0);
+    run(
+        viewer().arg(&file).args(FROM_ABOVE).args(["--paint", "tint", "--force"]).arg("--shot").arg(&shot),
+        0,
+    );
     assert!(shares(&shot).0 < 0.1, "a tint is no chequerboard");
     let csv = folder.path().join("out.csv");
     for mode in [&[][..], &["--streaming"]] {
         let mut command = viewer();
         command
             .arg(&file)
-            .args(["--headless", "--count", "30", "--size", "320x200", "--gpu-memory", "3MiB"])
+            .args(["--headless", "--count", "30", "--size", "320x200", "--gpu-memory", "3MiB", "--force"])
             .args(mode);
         run(command.arg("--metrics").arg(&csv), 0);
         let table = Table::read(&csv);

@@ -21,7 +21,7 @@ fn a_path_over_a_file_ten_times_the_budget_stays_within_it() {
         let csv = folder.path().join("out.csv");
         let mut command = viewer();
         command.arg(&file).args(["--headless", "--count", "60", "--size", "160x120", "--tolerance", "2"]);
-        command.args(["--gpu-memory", "3MiB", "--ram-cache", "4MiB"]).args(mode);
+        command.args(["--gpu-memory", "3MiB", "--ram-cache", "4MiB", "--force"]).args(mode);
         let (_, errors) = run(command.arg("--metrics").arg(&csv), 0);
         assert!(errors.is_empty(), "{errors}");
         let table = Table::read(&csv);

@@ -55,7 +55,7 @@ impl Studio {
             borders: false,
         };
         let terrain = Terrain::open(file, settings.ram_cache).expect("file");
-        let path = flyover::path(terrain.reader()).expect("path");
+        let path = flyover::path(terrain.reader(), exaggeration).expect("path");
         let gpu = headless_gpu("software").expect("software adapter (mesa-vulkan-drivers)");
         let stage = Stage::new(gpu, terrain, &settings, SIZE, picture::FORMAT).expect("stage");
         let picture = picture::Picture::new(&stage.gpu, SIZE, picture::FORMAT).expect("picture");

@@ -253,4 +253,6 @@ fn a_window_that_is_closed_ends_the_program_and_bad_files_open_none() {
     command.arg(&file).env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");
     let (_, errors) = common::run(&mut command, 2);
     assert!(errors.contains("--headless"), "{errors}");
+    // Nothing of the machine that it was compiled on.
+    assert!(!errors.contains(".rs") && !errors.contains("registry"), "{errors}");
 }

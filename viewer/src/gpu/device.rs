@@ -138,7 +138,11 @@ impl Gpu {
         device.on_uncaptured_error(Arc::new(move |error| noted.note(&error)));
         let noted = faults.clone();
         device.set_device_lost_callback(move |reason, message| {
-            let why = if message.is_empty() { format!("{reason:?}") } else { message };
+            let why = match (reason, message.is_empty()) {
+                (wgpu::DeviceLostReason::Destroyed, true) => "it was destroyed".to_owned(),
+                (_, true) => "the driver does not say why".to_owned(),
+                (_, false) => message,
+            };
             noted.with(|fault| fault.lost = Some(why));
         });
         Ok(Self { instance, adapter, device, queue, faults })

@@ -1,9 +1,9 @@
 //! A target without a window, and its pixels as bytes.
 
-use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
+use relevo::output::NewFile;
 use relevo::{Error, Result};
 
 use super::device::Gpu;
@@ -100,8 +100,8 @@ impl Picture {
 
 /// Writes pixels (red, green, blue, alpha) as an opaque PNG file.
 pub fn save_png(path: &Path, (width, height): (u32, u32), rgba: &[u8]) -> Result<()> {
-    let file = File::create(path).map_err(|error| Error::io(path, "create", error))?;
-    let mut encoder = png::Encoder::new(BufWriter::new(file), width, height);
+    let mut file = NewFile::create(path, true)?;
+    let mut encoder = png::Encoder::new(BufWriter::new(&mut file), width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::Fast);
@@ -110,5 +110,6 @@ pub fn save_png(path: &Path, (width, height): (u32, u32), rgba: &[u8]) -> Result
         writer.write_image_data(&rgb)?;
         writer.finish()
     });
-    written.map_err(|error| Error::io(path, "write the picture", std::io::Error::other(error)))
+    written.map_err(|error| Error::io(path, "write the picture", std::io::Error::other(error)))?;
+    file.commit()
 }

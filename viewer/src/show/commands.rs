@@ -22,6 +22,7 @@ impl Show {
     /// Does what a key asks for; false if it asks for the end.
     pub fn obey(&mut self, command: Command) -> Result<bool> {
         self.quiet = 0;
+        self.end_hint();
         match command {
             Command::Quit => {
                 self.stop_recording();
@@ -51,6 +52,7 @@ impl Show {
                 self.notice("recording the camera path".into());
             }
             Command::Mode => self.change_mode(),
+            Command::Home => self.go_home()?,
             #[cfg(feature = "ui")]
             Command::Panel => self.panel.toggle(),
         }
@@ -64,8 +66,10 @@ impl Show {
     fn exaggerate(&mut self, factor: f64) {
         let before = self.stage.scene.frame().exaggeration;
         let after = factor.clamp(0.1, 50.0);
+        let (low, high) = self.stage.scene.heights();
+        let ground = self.stage.scene.ground().map(|metres| metres / before);
         self.stage.scene.exaggerate(after);
-        self.rig.exaggerate(before, after);
+        self.rig.exaggerate(before, after, ground.unwrap_or(f64::from(low + high) / 2.0));
     }
 
     fn change_mode(&mut self) {

@@ -44,6 +44,9 @@ pub fn info(side: u32, spacing: f64, name: &str) -> SourceInfo {
         footprint: None,
         overlap: None,
         block_rows: 64,
+        reading: relevo::source::ReadMemory::default(),
+        warnings: Vec::new(),
+        origins: relevo::source::Origins::default(),
     }
 }
 
@@ -165,7 +168,15 @@ impl Chequers {
         let geo = Geo { transform, ..Geo::default() };
         let (width, height) = (4 * side, 4 * side);
         let note = PictureNote::default();
-        Self(PictureInfo { width, height, kind: Colour::Rgb, has_alpha: false, geo, note })
+        Self(PictureInfo {
+            width,
+            height,
+            kind: Colour::Rgb,
+            has_alpha: false,
+            geo,
+            note,
+            warnings: Vec::new(),
+        })
     }
 }
 
