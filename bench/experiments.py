@@ -68,7 +68,7 @@ class Lab:
         table = os.path.join(self.data, f"{os.path.splitext(os.path.basename(file))[0]}-{label}.csv")
         if not os.path.exists(table):
             command = [os.path.join(self.programs, "relevo-viewer"), file, "--headless", "--count", self.args.frames,
-                       "--size", self.args.size, "--adapter", self.args.adapter, "--metrics", table + ".part", *options]
+                       "--size", self.args.size, "--adapter", self.args.adapter, "--force", "--metrics", table + ".part", *options]
             run(*command, *(["--observe"] if observe else []))
             os.replace(table + ".part", table)
         with open(table, encoding="utf-8", newline="") as file:

@@ -135,7 +135,7 @@ fn note() -> ImageryNote {
 fn put(path: &Path, world: &World, codec: Codec, seed: usize) {
     let mut work = WorkFolder::take(path, true, Earlier::Refuse).expect("work folder");
     let layer = world.layer(codec, work.folder(), seed);
-    put_imagery(&mut work, &layer, &note(), &mut |_, _| true).expect("put");
+    put_imagery(&mut work, &layer, &note(), &|_| Ok(()), &mut |_, _| true).expect("put");
 }
 
 fn section(path: &Path, kind: u32) -> Option<Vec<u8>> {
@@ -305,7 +305,7 @@ fn an_add_that_fails_leaves_the_old_file() {
         let mut work = WorkFolder::take(&path, true, Earlier::Refuse).expect("work folder");
         let layer = world.layer(Codec::Jpeg, work.folder(), 0);
         let mut calls = 0;
-        let stopped = put_imagery(&mut work, &layer, &note(), &mut |_, _| {
+        let stopped = put_imagery(&mut work, &layer, &note(), &|_| Ok(()), &mut |_, _| {
             calls += 1;
             calls <= stop_at
         });
@@ -318,7 +318,10 @@ fn an_add_that_fails_leaves_the_old_file() {
     let mut work = WorkFolder::take(&path, true, Earlier::Refuse).expect("work folder");
     let layer = world.layer(Codec::Jpeg, work.folder(), 0);
     let long = ImageryNote { tool: "x".repeat(70_000), ..note() };
-    assert!(matches!(put_imagery(&mut work, &layer, &long, &mut |_, _| true), Err(Error::Limit { .. })));
+    assert!(matches!(
+        put_imagery(&mut work, &layer, &long, &|_| Ok(()), &mut |_, _| true),
+        Err(Error::Limit { .. })
+    ));
     drop(work);
     assert!(fs::read(&path).expect("file") == before && !work_path.exists());
 }

@@ -356,7 +356,7 @@ fn what_cannot_be_read_says_why() {
         assert!(refused.contains("EPSG:3857") && refused.contains("EPSG:4326"), "{refused}");
         assert!(refused.contains("sfbay_landsat7") && refused.contains("--features gdal"), "{refused}");
         let jpeg = shared("bmng_world_5400x2700.jpg").expect("there like the other");
-        assert!(message(&jpeg).contains("not a TIFF"));
+        assert!(message(&jpeg).contains("a JPEG picture"));
     }
     // Damage is an error, whatever it is.
     let mut bytes =

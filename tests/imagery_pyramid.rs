@@ -79,7 +79,15 @@ fn painting(size: (u32, u32), kind: Colour, sheer: bool, transform: [f64; 6], se
     let geo = Geo { transform: Some(transform), ..Geo::default() };
     let note = PictureNote { name: format!("painting {seed}"), ..PictureNote::default() };
     Painting {
-        info: PictureInfo { width: size.0, height: size.1, kind, has_alpha: alpha.is_some(), geo, note },
+        info: PictureInfo {
+            width: size.0,
+            height: size.1,
+            kind,
+            has_alpha: alpha.is_some(),
+            geo,
+            note,
+            warnings: Vec::new(),
+        },
         colour,
         alpha,
     }
@@ -569,8 +577,15 @@ fn four_million_texels_of_width_with_little_in_them() {
     let transform = Some([0.0, 1.0, 0.0, 0.0, 0.0, -1.0]);
     let geo = Geo { transform, ..Geo::default() };
     let note = PictureNote::default();
-    let info =
-        PictureInfo { width: 1 << 22, height: 20_000, kind: Colour::Grey, has_alpha: false, geo, note };
+    let info = PictureInfo {
+        width: 1 << 22,
+        height: 20_000,
+        kind: Colour::Grey,
+        has_alpha: false,
+        geo,
+        note,
+        warnings: Vec::new(),
+    };
     let pictures: Vec<Box<dyn Picture>> = vec![Box::new(Archipelago { info })];
     let shelf = Shelf::default();
     let grid = TexelGrid { tile: TILE, intervals: 1 << 22, samples: ALL };

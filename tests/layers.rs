@@ -7,9 +7,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Layer of each top module of the library; see ARCHITECTURE.md.
-const LAYERS: [(&str, u8); 26] = [
+const LAYERS: [(&str, u8); 28] = [
     ("error", 0),
     ("file", 0),
+    ("output", 0),
     ("error_code", 0),
     ("limits", 0),
     ("gaps", 0),
@@ -18,6 +19,7 @@ const LAYERS: [(&str, u8); 26] = [
     ("simd", 0),
     ("states", 0),
     ("texel", 0),
+    ("text", 0),
     ("source", 1),
     ("tile", 2),
     ("codec", 2),

@@ -36,6 +36,9 @@ impl Hills {
             footprint: None,
             overlap: None,
             block_rows: 1,
+            reading: relevo::source::ReadMemory::default(),
+            warnings: Vec::new(),
+            origins: relevo::source::Origins::default(),
         })
     }
 }

@@ -60,6 +60,7 @@ impl Tiles for Forest {
 fn header(levels: u8, tile_log2: u8, patch_log2: u8) -> Header {
     let side = (1_u32 << (tile_log2 + levels)) + 1;
     Header {
+        version: 2,
         width: side,
         height: side,
         tile_log2,

@@ -698,7 +698,7 @@ mod through_gdal {
         let info = builds(text, &["--depth"]);
         assert!(!info.contains("EPSG:5715") && !info.contains("positive down"), "{info}");
         let info = builds(text, &["--depth", "--vertical-unit", "ft", "--resolution", "0.1"]);
-        assert!(info.contains("unit ft"), "{info}");
+        assert!(info.contains("unit       ft, 0.3048 m"), "{info}");
         // A survey of 25 m bins, 36.87 degrees off north, in no system at all; depths by the scale of the file.
         let vrt = folder.path().join("survey.vrt");
         translate("-of VRT -a_nodata none", &fixture("rmnp_dem_uint16.tif"), &vrt);

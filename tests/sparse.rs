@@ -43,6 +43,9 @@ impl Patches {
             overlap: None,
             footprint: Some(rects.clone()),
             block_rows: 1,
+            reading: relevo::source::ReadMemory::default(),
+            warnings: Vec::new(),
+            origins: relevo::source::Origins::default(),
         };
         Self { info, rects, read: AtomicU64::new(0) }
     }

@@ -11,6 +11,9 @@ Pillow is there):
 
     imagery level/x/y children sha256(colour) sha256(alpha)
 
+With --json the same is one JSON object: header, metadata, statistics, and for each tile its row of the index, the three
+sums, and its first two rows (of a root of up to 33 x 33: all of them).
+
 heights:  i32 codes row by row, then (float64) u32 lows; void samples as 0
 validity: one byte per sample, 0 void, 1 valid
 errors:   one byte per patch (drawable), then u16 vertical, then u16 horizontal codes, [step][patch]
@@ -88,6 +91,8 @@ BITS_OF = [bytes(byte >> i & 1 for i in range(8)) for byte in range(256)]
 # ---- 3, 4. Header and section table -----------------------------------------------------------
 
 HEADER = struct.Struct("<8sHHIIIQIIBBBBBBHdddddd d6dQ92sI")
+VERSIONS = (1, 2)
+TYPE_NAMES = {1: "int8", 2: "uint8", 3: "int16", 4: "uint16", 5: "int32", 6: "uint32", 7: "float32", 8: "float64"}
 SOURCE_TYPES = {1: "b", 2: "B", 3: "h", 4: "H", 5: "i", 6: "I", 7: "f", 8: "d"}
 KNOWN = {1: ("metadata", 2), 2: ("root page", 3), 3: ("statistics", 2), 4: ("pages", 1), 5: ("tiles", 1),
          16: ("imagery", 2), 17: ("imagery pages", 0), 18: ("imagery tiles", 0)}
@@ -96,12 +101,12 @@ KNOWN = {1: ("metadata", 2), 2: ("root page", 3), 3: ("statistics", 2), 4: ("pag
 class Header:
     def __init__(self, data):
         need(len(data) >= 256, "header: the file is shorter than 256 bytes")
-        (magic, version, length, required, _optional, self.sections, file_length, self.w, self.h,
-         log_t, log_p, self.depth, metric, self.kind, self.source, flags, self.scale, self.offset,
-         self.band_scale, self.band_offset, self.unit, quant, self.nodata, *geo, self.tiles,
+        (magic, self.version, length, required, _optional, self.sections, file_length, self.w, self.h,
+         log_t, log_p, self.depth, self.metric, self.kind, self.source, flags, self.scale, self.offset,
+         self.band_scale, self.band_offset, self.unit, self.quant, self.nodata, *geo, self.tiles,
          reserved, crc) = HEADER.unpack_from(data)
         need(magic == b"\x89RLV\r\n\x1a\n", "header: not a Relevo file")
-        need(version == 1, f"header: version {version} is not known")
+        need(self.version in VERSIONS, f"header: version {self.version} is not known")
         need(length == 256, f"header: length {length}")
         need(1 <= self.sections <= 64, f"header: {self.sections} sections")
         end = 256 + 32 * self.sections
@@ -118,19 +123,30 @@ class Header:
         while self.t << least < intervals:  # 2: L is the least that fits
             least += 1
         need(self.depth == least, f"header: L = {self.depth}, expected {least}")
-        need(metric in (1, 2), f"header: metric {metric} is not known")
+        need(self.metric in (1, 2), f"header: metric {self.metric} is not known")
         need(self.kind in (1, 2, 3), f"header: sample kind {self.kind} is not known")
         need(self.source in SOURCE_TYPES, f"header: source type {self.source} is not known")
+        need(self.kind == 1 or self.source == {2: 7, 3: 8}[self.kind], f"header: floats of source type {self.source}")
+        need(not flags & 4 or self.kind == 1, "header: floats that are quantised")
         need(flags < 8, f"header: reserved flags {flags:#x}")
         need(not any(reserved), "header: reserved bytes are not 0")
-        doubles = (self.scale, self.offset, self.band_scale, self.band_offset, self.unit, quant)
+        doubles = (self.scale, self.offset, self.band_scale, self.band_offset, self.unit, self.quant, *geo)
         need(all(map(math.isfinite, doubles)), "header: scale, offset or unit is not finite")
         need(self.scale != 0 and self.band_scale != 0 and self.unit > 0, "header: scale or unit is 0")
         need(self.kind == 1 or (self.scale, self.offset) == (1, 0), "header: floats have scale 1, offset 0")
-        need(quant > 0 if flags & 4 else quant == 0, f"header: quantisation error {quant}")
+        need(self.quant > 0 if flags & 4 else self.quant == 0, f"header: quantisation error {self.quant}")
         need(flags & 2 or self.nodata == 0, "header: a nodata value without its flag")
         need(flags & 1 or not any(geo), "header: a geotransform without its flag")
         need(self.tiles >= 1, "header: no tiles")
+        self.geo = geo if flags & 1 else None
+
+    def json(self):
+        return {"version": self.version, "width": self.w, "height": self.h, "tile": self.t, "patch": self.p,
+                "leaf_level": self.depth, "metric": {1: "paper", 2: "bound"}[self.metric], "sample_kind": self.kind,
+                "source_type": TYPE_NAMES[self.source], "scale": self.scale, "offset": self.offset,
+                "band_scale": self.band_scale, "band_offset": self.band_offset, "unit_metres": self.unit,
+                "quantisation_error": self.quant, "nodata": float_json(self.nodata) if self.has_nodata else None,
+                "geotransform": self.geo, "tile_count": self.tiles}
 
     def value(self, code, low=0):
         """2: the value of a code in the source's own numbers."""
@@ -143,6 +159,11 @@ class Header:
 
     def metres(self, code, low=0):
         return (self.band_offset + self.band_scale * self.value(code, low)) * self.unit
+
+
+def float_json(value):
+    """A number, or its name: JSON has no NaN and no infinity."""
+    return value if math.isfinite(value) else str(value)
 
 
 def read_sections(data, header):
@@ -397,9 +418,9 @@ DIVISORS = [0, 1, 2, 4, 8, 16, 32, 64, 128, 256, 10, 100, 1000]  # 9.3
 
 
 def read_heights(chunk, n, kind, place):
-    """(residuals, transform, sharpness, skew, lows)"""
+    """(residuals, transform, sharpness, skew, lows, narrow)"""
     if not len(chunk):
-        return [0] * n, 0, 5, 0, array("I", bytes(4 * n))
+        return [0] * n, 0, 5, 0, array("I", bytes(4 * n)), False
     need(len(chunk) >= 12, f"{place}: too short")
     flags, k, transform, weights, a, b = struct.unpack_from("<BBBBII", chunk)
     need(flags < 2, f"{place}: reserved flags")
@@ -419,7 +440,7 @@ def read_heights(chunk, n, kind, place):
         need(len(planes) == 4 * n, f"{place}: {len(planes)} bytes of lows")
         p0, p1, p2, p3 = (planes[i * n:(i + 1) * n] for i in range(4))
         lows = array("I", [q | r << 8 | s << 16 | u << 24 for q, r, s, u in zip(p0, p1, p2, p3)])
-    return residuals, transform, sharpness, skew, lows
+    return residuals, transform, sharpness, skew, lows, bool(flags & 1)
 
 
 def join_residuals(plane, raw, n, k, place):
@@ -490,8 +511,8 @@ def pad(rows):
     return [[0, *top, 0], *wide, [0, *bottom, 0]]  # corners are never used
 
 
-def refine_heights(m, even, even_valid, valid, residuals, i, j):
-    """9.2, one stage: codes of the lattice of (2m + 1)^2."""
+def refine_heights(m, even, even_valid, valid, residuals, i, j, beyond):
+    """9.2, one stage: codes of the lattice of (2m + 1)^2. `beyond`: void C may leave the range of an i32 (17, version 1)."""
     side = 2 * m + 1
     P = pad(replace_voids(even, even_valid, m))
     out = spread(even, m, [0])
@@ -501,7 +522,8 @@ def refine_heights(m, even, even_valid, valid, residuals, i, j):
     def newborn(prediction):
         """The next sample of the streams. Returns what stands for it in later predictions."""
         o, residual = next(stream)
-        prediction = wrap(prediction)
+        if valid[o] or not beyond:
+            prediction = wrap(prediction)
         if valid[o]:
             out[o] = prediction = wrap(prediction + residual)
         else:
@@ -574,7 +596,8 @@ def decode_heights(tile, chunk, header, parent, lattices):
     """Fills codes and lows of a tile."""
     t, root, place = header.t, parent is None, f"tile {tile.name()} heights"
     n = newborn_count(t, root)
-    residuals, d, sharpness, skew, new_lows = read_heights(chunk, n, header.kind, place)
+    residuals, d, sharpness, skew, new_lows, narrow = read_heights(chunk, n, header.kind, place)
+    beyond = narrow and header.version == 1
     s = DIVISORS[d]
     if root:
         now, at = [], 4
@@ -586,7 +609,8 @@ def decode_heights(tile, chunk, header, parent, lattices):
     chain = stages(t, root)
     for stage, m in enumerate(chain):
         count = 3 * m * m + 2 * m
-        now = refine_heights(m, now, lattices[stage], lattices[stage + 1], residuals[at:at + count], sharpness, skew)
+        now = refine_heights(m, now, lattices[stage], lattices[stage + 1], residuals[at:at + count], sharpness, skew,
+                             beyond)
         at += count
     if d:
         now = from_q(now, s)
@@ -756,7 +780,12 @@ def add_to_raster(raster, tile, header):
             if tile.valid[b * side + a]:
                 need(c < header.w and r < header.h, f"tile {tile.name()}: a valid sample outside the raster")
                 value = header.value(tile.codes[b * side + a], lows[b * side + a])
-                raster[r * header.w + c] = round(value) if exact else value
+                raster[r * header.w + c] = nearest(value) if exact else value
+
+
+def nearest(value):
+    """2: to the nearest whole number, halves away from zero."""
+    return int(math.copysign(math.floor(abs(value) + 0.5), value))
 
 
 # ---- 16. Imagery ------------------------------------------------------------------------------
@@ -802,6 +831,18 @@ class Imagery:
         need(at == len(chunks), f"imagery tiles: {len(chunks)} bytes, its chunks have {at}")
         need(self.tiles[-1].level == self.leaf, "imagery: no tile at the leaf level")
         self.chunks = chunks
+
+    def json(self):
+        tiles = []
+        for tile in self.tiles:
+            colour, alpha = self.decode(tile)
+            sums = {name: part and hashlib.sha256(part).hexdigest()
+                    for name, part in (("colour_sha256", colour), ("alpha_sha256", alpha))}
+            first = {} if colour is None else {"first_texels": list(colour[:6 * self.channels])}
+            tiles.append({"tile": tile.name(), "children": tile.children, **sums, **first})
+        return {"tile": self.t, "gutter": self.g, "codec": self.codec, "quality": self.quality,
+                "channels": self.channels, "flags": self.clear, "leaf_level": self.leaf, "tile_count": self.count,
+                "tiles": tiles}
 
     def read_page(self, stored, place, level, x, y):
         data = frame(stored, 1 << 20, place)
@@ -936,14 +977,54 @@ def list_imagery(sections):
         print("imagery", tile.name(), tile.children, *sums)
 
 
-def run(options):
-    with open(options.file, "rb") as f:
+def tile_json(tile, header):
+    """A tile: its row of the index, the sums of what it decodes to, its first rows."""
+    side, steps = header.t + 1, header.steps
+    patches = (header.t // header.p) ** 2
+    rows = side if tile.level == 0 and side <= 33 else 2
+    lows = tile.lows or array("I", bytes(4 * len(tile.codes)))
+
+    def grid(value):
+        return [[value(b * side + a) if tile.valid[b * side + a] else None for a in range(side)] for b in range(rows)]
+    heights, valid, errors = (hashlib.sha256(part).hexdigest() for part in outputs(tile))
+    out = {"tile": tile.name(), "children": tile.children, "flags": tile.flags, "vertical": tile.vertical,
+           "horizontal": tile.horizontal, "min_m": float_json(tile.low), "max_m": float_json(tile.high),
+           "offset": tile.offset, "lengths": tile.lengths,
+           "heights_sha256": heights, "valid_sha256": valid, "errors_sha256": errors,
+           "codes": grid(lambda at: tile.codes[at]),
+           "values": grid(lambda at: float_json(header.value(tile.codes[at], lows[at])))}
+    if tile.lows is not None:
+        out["lows"] = grid(lambda at: tile.lows[at])
+    out["drawable"] = list(tile.drawable)
+    for name, codes in (("vertical_codes", tile.v), ("horizontal_codes", tile.h)):
+        shown = range(steps) if tile.level == 0 else range(steps - 1, steps)
+        out[name] = {str(k): list(codes[k * patches:(k + 1) * patches]) for k in shown}
+    return out
+
+
+def print_json(header, metadata, statistics, tiles, sections):
+    """One member to a line, and one tile: so that a difference can be seen."""
+    def line(value):
+        return json.dumps(value, allow_nan=False, separators=(",", ":"))
+    members = [("header", header.json()), ("metadata", metadata), ("statistics", statistics)]
+    if 16 in sections:
+        members.append(("imagery", Imagery(sections).json()))
+    for name, value in members:
+        print(("{" if name == "header" else ",") + json.dumps(name) + ":" + line(value))
+    print(",\"tiles\":[")
+    print(",\n".join(line(tile_json(tile, header)) for tile in tiles))
+    print("]}")
+
+
+def run(options, path):
+    with open(path, "rb") as f:
         data = f.read()
     header = Header(data)
     sections = read_sections(data, header)
-    read_json(sections[1][1], "metadata")
+    metadata = read_json(sections[1][1], "metadata")
     statistics = read_json(frame(sections[3][1], 64 << 20, "statistics"), "statistics") if 3 in sections else None
     tiles = read_index(sections, header)
+    tiles_at.clear()
     tiles_at.update(((tile.level, tile.x, tile.y), tile) for tile in tiles)
     raster = None
     if options.raster:
@@ -960,7 +1041,7 @@ def run(options):
         decode_tile(tile, header, sections[5][1])
         if raster is not None:
             add_to_raster(raster, tile, header)
-        if options.level in (None, tile.level):
+        if options.level in (None, tile.level) and not options.json:
             parts = outputs(tile)
             sums = (hashlib.sha256(part).hexdigest() for part in parts)
             print(tile.name(), tile.children, tile.flags, *sums)
@@ -973,7 +1054,9 @@ def run(options):
             check_statistics(statistics, tiles, header)
         except (LookupError, TypeError, ValueError, AttributeError) as e:
             raise Violation(f"statistics: a member is missing or odd ({e!r})") from None
-    if 16 in sections and options.level is None:
+    if options.json:
+        print_json(header, metadata, statistics, tiles, sections)
+    elif 16 in sections and options.level is None:
         list_imagery(sections)
     if raster is not None:
         with open(options.raster, "wb") as f:
@@ -982,17 +1065,21 @@ def run(options):
 
 def main():
     parser = argparse.ArgumentParser(description="Decodes a .rlv file and prints a line per tile.")
-    parser.add_argument("file")
+    parser.add_argument("file", nargs="+", help="with more than one, each is named before its lines")
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead")
     parser.add_argument("--level", type=int, help="print this level only, and go no deeper")
     parser.add_argument("--dump", metavar="DIR", help="write what is summed to DIR/level_x_y.heights, .valid, .errors")
     parser.add_argument("--raster", metavar="OUT", help="write all samples, little-endian, in the source's type")
     options = parser.parse_args()
-    try:
-        run(options)
-    except Violation as e:
-        sys.exit(f"{options.file}: {e}")  # exit code 1
-    except OverflowError as e:
-        sys.exit(f"{options.file}: heights do not fit the source type: {e}")
+    for path in options.file:
+        if len(options.file) > 1:
+            print(path)
+        try:
+            run(options, path)
+        except Violation as e:
+            sys.exit(f"{path}: {e}")  # exit code 1
+        except OverflowError as e:
+            sys.exit(f"{path}: heights do not fit the source type: {e}")
 
 
 if __name__ == "__main__":

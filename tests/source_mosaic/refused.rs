@@ -136,7 +136,7 @@ fn damaged_vrts() {
         ("rasterXSize=\"30\"", "rasterXSize=\"0\"", "at least 1"),
         ("xOff=\"10\"", "xOff=\"NaN\"", "DstRect in line"),
         ("<NODATA>3", "<NODATA>none", "NODATA in line"),
-        ("ComplexSource", "Comment", "at least one source"),
+        ("ComplexSource", "Comment", "a VRTRasterBand with Comment"),
         ("second.tif", "third.tif", "third.tif"),
         ("second.tif", "damaged.vrt", "at most 8 within one another"),
         ("<VRTDataset", "<!DOCTYPE a [<!ENTITY b \"c\">]><VRTDataset", "XML"),
@@ -144,6 +144,10 @@ fn damaged_vrts() {
         let text = String::from_utf8(good.clone()).expect("text");
         assert!(text.contains(from), "{from} in {text}");
         std::fs::write(&path, text.replace(from, to)).expect("write");
+        if cfg!(feature = "gdal") && words.contains("Comment") {
+            // GDAL passes over it, and has a raster without sources.
+            continue;
+        }
         let message = refusal(std::slice::from_ref(&path));
         // GDAL has its own words where it is built in and asked.
         expect(&message, &["damaged.vrt"].map(|_| words));
