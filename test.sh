@@ -96,6 +96,10 @@ install() {
     fi
     python zstandard python3-zstandard zstandard
     python PIL python3-pil pillow
+    # GDAL's bindings are Debian's, so they are those of Debian's python3, whichever comes first on the path.
+    /usr/bin/python3 -c 'import numpy; from osgeo import gdal' 2>/dev/null ||
+        python3 -c 'import numpy; from osgeo import gdal' 2>/dev/null || apt python3-gdal python3-numpy ||
+        echo 'MISSING, and could not be installed: python3-gdal python3-numpy'
 }
 
 dependencies() {
@@ -113,14 +117,21 @@ dependencies() {
 
 install
 runner=(cargo test --no-fail-fast --lib --bins --tests --examples)
-if cargo nextest --version >/dev/null 2>&1; then runner=(cargo nextest run --no-fail-fast); fi
+# Tests of what lies behind a source, where the feature `gdal` is no part of the code, are not run twice.
+once=()
+if cargo nextest --version >/dev/null 2>&1; then
+    runner=(cargo nextest run --no-fail-fast)
+    behind='container|golden|vectors|verify|horizontal|half_steps|observed|select|real_data|memory|resume|pieces'
+    behind+='|state|sparse|export|hillshade|geotiff_write|imagery_pyramid|fuzz_corpus|cli_pages|cli_json|hostile_text'
+    once=(-E "not binary(/^($behind)\$/)")
+fi
 
 run fmt cargo fmt --all --check
 run clippy cargo clippy --locked --workspace --all-targets -- -D warnings
 run clippy-all-features cargo clippy --locked --workspace --all-targets --all-features -- -D warnings
 run test "${runner[@]}" --locked --workspace
 # (The viewer reads what is built, and has no such feature.)
-run test-gdal "${runner[@]}" --locked --workspace --exclude relevo-viewer --features relevo/gdal
+run test-gdal "${runner[@]}" --locked --workspace --exclude relevo-viewer --features relevo/gdal "${once[@]}"
 run doctest cargo test --locked --workspace --doc --no-fail-fast
 run doc env RUSTDOCFLAGS='-D warnings' cargo doc --locked --workspace --no-deps --document-private-items
 dependencies

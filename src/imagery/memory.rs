@@ -47,9 +47,11 @@ pub fn memory(
     let texels = (u64::from(grid.tile) + 2 * GUTTER as u64).pow(2);
     let read = placed.iter().map(|placed| reading(placed, grid)).max().unwrap_or(0);
     let kept = pictures.iter().map(|picture| picture.memory().kept).fold(0, u64::saturating_add);
+    let block = pictures.iter().map(|picture| picture.memory().block).max().unwrap_or(0);
     let each = read.saturating_add(texels * THREAD_TEXEL);
-    let reading = each.saturating_mul(threads as u64).saturating_add(halves + tiles * INDEX);
-    Ok(Memory { reading, kept: kept.min(KEPT) })
+    let reading =
+        each.saturating_mul(threads as u64).saturating_add(halves + tiles * INDEX).saturating_add(block);
+    Ok(Memory { reading, block, kept: kept.min(KEPT) })
 }
 
 /// Columns and rows of tiles of a level from the first to the last that pictures touch.
