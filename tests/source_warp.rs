@@ -354,9 +354,13 @@ mod through_gdal {
         let mut first = None;
         for more in [&["--jobs", "1"][..], &["--jobs", "3"], &["--memory", "36MiB"]] {
             let out = folder.path().join("out.rlv");
-            let mut args = vec!["build", dem, "--crs", "EPSG:32613", "--tile", "64", "-f", "--verify"];
+            let mut args = vec!["build", dem, "--crs", "EPSG:32613", "--tile", "64", "-f"];
             args.extend(["-o", out.to_str().expect("path")]);
             args.extend(more);
+            // The check against the source takes more than that; the bytes are those of builds that were checked.
+            if !more.contains(&"--memory") {
+                args.push("--verify");
+            }
             let output = relevo(&args);
             assert!(output.status.success(), "{more:?}: {}", String::from_utf8_lossy(&output.stderr));
             let bytes = std::fs::read(&out).expect("file");
