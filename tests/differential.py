@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Holds what Relevo takes a raster for against what GDAL takes it for.
 
-    differential.py --relevo target/debug/relevo [--count 400] [--seed 1] [--keep FOLDER] [--only N]
+    differential.py --relevo target/debug/relevo [--count 400] [--seed 1] [--keep FOLDER] [--only N] [--gdal]
 
 Writes rasters with GDAL's Python bindings, each a choice of one value for every feature in FEATURES: sample type,
 layout, place, coordinate system, nodata, mask, unit, scale, and the file that says so (tags, .aux.xml, world file).
@@ -10,7 +10,8 @@ through `relevo build` and `relevo export`, and place, coordinate system (IsSame
 unit of the export, and what `relevo info --json` says, are compared with GDAL's reading of the input. What the
 generator meant does not count.
 
-A raster that Relevo refuses is a failure unless the refusal is one of REFUSALS. Prints one line for every difference,
+A raster that Relevo refuses is a failure unless the refusal is one of REFUSALS, or, without --gdal, which says that
+GDAL is built in, one of REFUSALS_WITHOUT_GDAL. Prints one line for every difference,
 then a summary; exits with 1 if there was a difference or if a pair of values never occurred.
 """
 
@@ -62,9 +63,12 @@ FEATURES = {
 }
 
 # What a build without GDAL may refuse, by name: a feature, its values, and words of the message.
-REFUSALS = [
+REFUSALS_WITHOUT_GDAL = [
     ("container", ["vrt"], "a VRT with a mask of its own"),
     ("container", ["vrt"], "a VRT with an alpha band"),
+]
+# What every build may refuse.
+REFUSALS = [
     # Numbers near a nodata value at the end of a float's range, that do not count as it to GDAL, times a scale.
     ("nodata", ["low", "high", "text", "outside"], "heights: expected finite metres"),
 ]
@@ -483,14 +487,34 @@ def compare_info(given, spatial, info):
 
 def validity(band):
     """Where a band has a height: by GDAL's mask, and never where it is not a number or infinite. An alpha band of any type is a
-    mask, to GDAL one of bytes or 16 bits beside one or three bands only."""
+    mask, to GDAL one of bytes or 16 bits beside one or three bands only. A nodata value of a sidecar or a VRT that is
+    the largest float32 with its last digit rounded up counts as that, as GDAL has it in tags."""
     array = band.ReadAsArray()
     valid = band.GetMaskBand().ReadAsArray() != 0
     dataset = band.GetDataset()
     last = dataset.GetRasterBand(dataset.RasterCount)
-    if band.GetMaskFlags() == gdal.GMF_ALL_VALID and last.GetColorInterpretation() == gdal.GCI_AlphaBand:
-        valid = last.ReadAsArray() != 0
+    if band.GetMaskFlags() == gdal.GMF_ALL_VALID:
+        if rounds_to_float32(array.dtype, band.GetNoDataValue()):
+            valid = mask_of(array, float(np.float32(band.GetNoDataValue())))
+        elif last.GetColorInterpretation() == gdal.GCI_AlphaBand:
+            valid = last.ReadAsArray() != 0
     return valid & np.isfinite(array) if np.issubdtype(array.dtype, np.floating) else valid
+
+
+def rounds_to_float32(dtype, nodata):
+    """True if a nodata value is beyond float32, and the next float32 is not."""
+    if dtype != np.float32 or nodata is None or not abs(nodata) > float(np.finfo(np.float32).max):
+        return False
+    with np.errstate(over="ignore"):
+        return bool(np.isfinite(np.float32(nodata)))
+
+
+def mask_of(array, nodata):
+    """Where GDAL finds float32 samples valid beside a nodata value."""
+    copy = gdal.GetDriverByName("MEM").Create("", array.shape[1], array.shape[0], 1, gdal.GDT_Float32)
+    copy.GetRasterBand(1).WriteArray(array)
+    copy.GetRasterBand(1).SetNoDataValue(nodata)
+    return copy.GetRasterBand(1).GetMaskBand().ReadAsArray() != 0
 
 
 def run(arguments):
@@ -499,11 +523,11 @@ def run(arguments):
 
 def check(job):
     """Writes and checks one case; gives (number, case, differences, refused or None)."""
-    number, case, seed, relevo, keep = job
+    number, case, seed, relevo, keep, refusals = job
     folder = os.path.join(keep, str(number)) if keep else tempfile.mkdtemp(prefix="relevo-differential-")
     os.makedirs(folder, exist_ok=True)
     try:
-        return check_in(folder, number, case, seed, relevo)
+        return check_in(folder, number, case, seed, relevo, refusals)
     except Exception as error:  # noqa: BLE001 (told as a difference, with its case)
         return number, case, ["the check itself failed: %s: %s" % (type(error).__name__, error)], None
     finally:
@@ -511,7 +535,7 @@ def check(job):
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def check_in(folder, number, case, seed, relevo):
+def check_in(folder, number, case, seed, relevo, refusals):
     path, name = write(case, folder, seed * 1_000_003 + number)
     container, made = os.path.join(folder, "out.rlv"), os.path.join(folder, "out.tif")
     given = gdal.Open(name)
@@ -523,7 +547,7 @@ def check_in(folder, number, case, seed, relevo):
     done = run(build)
     if done.returncode != 0:
         words = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "exit %d" % done.returncode
-        allowed = any(case[feature] in values and text in words for feature, values, text in REFUSALS)
+        allowed = any(case[feature] in values and text in words for feature, values, text in refusals)
         return number, case, [] if allowed else ["refused: " + words], words
     done = run([relevo, "export", container, "-o", made, "--force"])
     if done.returncode != 0:
@@ -539,10 +563,12 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", help="leave the files in this folder")
     parser.add_argument("--only", type=int, help="the case of this number alone")
+    parser.add_argument("--gdal", action="store_true", help="the program was built with GDAL")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
+    refusals = REFUSALS + ([] if arguments.gdal else REFUSALS_WITHOUT_GDAL)
     made, missing = cases(arguments.count, arguments.seed)
-    jobs = [(number, case, arguments.seed, arguments.relevo, arguments.keep) for number, case in enumerate(made)
+    jobs = [(number, case, arguments.seed, arguments.relevo, arguments.keep, refusals) for number, case in enumerate(made)
             if arguments.only in (None, number)]
     gdal.PushErrorHandler("CPLQuietErrorHandler")
     different, refused = 0, 0

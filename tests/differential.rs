@@ -24,6 +24,7 @@ fn rasters_mean_what_gdal_takes_them_for() {
     let output = Command::new(python())
         .arg(script)
         .args(["--relevo", env!("CARGO_BIN_EXE_relevo"), "--count", "400", "--seed", "1"])
+        .args(cfg!(feature = "gdal").then_some("--gdal"))
         .output()
         .expect("python3");
     let said = String::from_utf8_lossy(&output.stdout);

@@ -123,4 +123,17 @@ fn names_that_are_no_unicode_are_names() {
         with(&[command], &[rlv], &[]);
     }
     with(&["verify"], &[rlv, OsStr::new("--source"), tif], &[]);
+
+    // Outputs that nobody named have the names of their inputs, byte for byte, so that no two are the same.
+    let other = folder.path().join(OsStr::from_bytes(b"d\xe5m.tif"));
+    fs::copy(&dem, &other).expect("a copy");
+    let both = folder.path().join("both");
+    with(&["build"], &[tif, other.as_os_str(), OsStr::new("--each"), both.as_os_str()], &[]);
+    for made in [&b"d\xe4m.rlv"[..], b"d\xe5m.rlv"] {
+        assert!(both.join(OsStr::from_bytes(made)).is_file(), "{made:?}");
+    }
+    let mut build = Command::new(env!("CARGO_BIN_EXE_relevo"));
+    let built = build.current_dir(folder.path()).args(["build", "-q"]).arg(&other).status();
+    assert!(built.expect("the binary runs").success());
+    assert!(folder.path().join(OsStr::from_bytes(b"d\xe5m.rlv")).is_file());
 }

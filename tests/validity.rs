@@ -265,8 +265,13 @@ fn alpha_is_a_mask_in_every_type_and_arrangement() {
         }
     }
     // No alpha: a band of something else.
-    Tiff { extra: vec![0], ..tiff(Kind::U16, &[heights.clone(), alpha]) }.write(&path);
+    Tiff { extra: vec![0], ..tiff(Kind::U16, &[heights.clone(), alpha.clone()]) }.write(&path);
     assert_eq!(samples(&*open(&path, &OpenOptions::default())), but(&heights, &[]));
+    // Nor one before others, which to GDAL says nothing of them.
+    let bands = [heights.clone(), alpha, heights.clone()];
+    Tiff { extra: vec![2, 0], ..tiff(Kind::U16, &bands) }.write(&path);
+    assert_eq!(samples(&*open(&path, &OpenOptions::default())), but(&heights, &[]));
+    assert_eq!(gdal_mask(folder.path(), "a.tif"), [true; 63]);
 }
 
 #[test]

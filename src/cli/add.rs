@@ -26,6 +26,9 @@ pub struct Args {
     /// Keep within this much memory (256MiB, 2GiB); slower then if parts of pictures have to be decoded again
     #[arg(long, value_name = "SIZE", value_parser = size)]
     memory: Option<u64>,
+    /// Make an error of what is warned of; the file stays as it is
+    #[arg(long)]
+    strict: bool,
     /// How to show progress
     #[arg(long, value_enum, default_value = "auto")]
     progress: Mode,
@@ -42,7 +45,7 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         return Err(Error::usage("which pictures? name them: --imagery FILE...").into());
     }
     let show = Show::new(args.progress);
-    let pictures = |crs: &relevo::geo::Crs| args.imagery.open(crs, args.memory);
+    let pictures = |crs: &relevo::geo::Crs| args.imagery.open(crs, args.memory, args.strict);
     let means = (args.jobs.map(usize::from), args.memory);
     let report = imagery::add(&args.file, &pictures, &layer_options(&args.imagery)?, means, &show);
     show.finish();

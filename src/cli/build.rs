@@ -20,7 +20,7 @@ use crate::cli::imagery::Imagery;
 use crate::cli::origins;
 use crate::cli::progress::{Mode, Show};
 use crate::cli::table::{bytes, plural, seconds, short, wrapped};
-use crate::cli::warnings::{say, told};
+use crate::cli::warnings::{refuse, say, told};
 use crate::cli::{Failure, Outcome, each, inputs, json, shown, verify, voice};
 
 mod dry;
@@ -106,11 +106,9 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let source = args.source.open(&dem.dems)?;
     let warnings = told(&source.info().warnings);
     say(&warnings);
-    if args.strict && !warnings.is_empty() {
-        return Err(strict(&warnings).into());
-    }
+    refuse(&warnings, args.strict)?;
     let plan = pipeline::plan(source.info(), &options)?;
-    let pictures = args.imagery.open(&source.info().geo.crs, args.memory)?;
+    let pictures = args.imagery.open(&source.info().geo.crs, args.memory, args.strict)?;
     let layer = Layer { pictures: &pictures, options: layer_options(&args.imagery)? };
     let layer = Some(&layer).filter(|layer| !layer.pictures.is_empty());
     if args.dry_run {
@@ -160,13 +158,6 @@ fn options(args: &Args, dem: &Dem) -> BuildOptions {
     }
 }
 
-/// What becomes of warnings by `--strict`.
-pub fn strict(warnings: &[String]) -> Error {
-    let count =
-        if warnings.len() == 1 { "1 warning".to_owned() } else { format!("{} warnings", warnings.len()) };
-    Error::usage(format!("{count}, an error by --strict: nothing is built"))
-}
-
 /// Says what was made, as it was asked for.
 fn tell(
     args: &Args,
@@ -213,7 +204,9 @@ pub fn check_name(output: &Path) -> Result<(), Error> {
 
 /// Name of the file that is made of a DEM unless told otherwise.
 pub fn output_name(dem: &Path) -> PathBuf {
-    PathBuf::from(source::stem(dem) + ".rlv")
+    let mut name = source::stem(dem);
+    name.push(".rlv");
+    PathBuf::from(name)
 }
 
 /// Errors without a path came from the raster. Where a state was left, the message says so.

@@ -185,9 +185,8 @@ impl Batch<'_> {
             return Ok(Fate::Unchanged);
         }
         self.warn(&warnings);
-        if options.strict && !warnings.is_empty() {
-            return Err(format!("{}: {}", job.input.display(), build::strict(&warnings)));
-        }
+        warnings::refuse(&warnings, options.strict)
+            .map_err(|error| format!("{}: {error}", job.input.display()))?;
         // What a resumed batch finds there is of another input, or was made with other options.
         let force = options.force || (options.resume && job.output.exists());
         let options = BuildOptions { force, ..options.clone() };

@@ -8,7 +8,7 @@ use relevo::imagery::Resolution;
 use relevo::limits::Limits;
 use relevo::source::picture::{self, Picture, PictureOptions, Stretch};
 
-use crate::cli::warnings::{say, told};
+use crate::cli::warnings::{refuse, say, told};
 
 /// Pictures, how they are read and how their tiles are stored.
 #[derive(clap::Args, Clone, Debug)]
@@ -38,15 +38,22 @@ pub struct Imagery {
 }
 
 impl Imagery {
-    /// Opens the pictures, which become one mosaic in the coordinate system of the heights, within so many bytes of memory.
-    pub fn open(&self, crs: &Crs, memory: Option<u64>) -> Result<Vec<Box<dyn Picture>>, Error> {
+    /// Opens the pictures, which become one mosaic in the coordinate system of the heights, within so many bytes of
+    /// memory; says what is to be warned of, and fails of it if `is_strict`.
+    pub fn open(
+        &self,
+        crs: &Crs,
+        memory: Option<u64>,
+        is_strict: bool,
+    ) -> Result<Vec<Box<dyn Picture>>, Error> {
         let options = PictureOptions { bands: self.bands.clone(), stretch: self.stretch };
         let mut limits = Limits::default();
         limits.opening_bytes = memory.unwrap_or(u64::MAX);
         let pictures = picture::open_all(&self.files, &options, crs, &limits)?;
-        for picture in &pictures {
-            say(&told(&picture.info().warnings));
-        }
+        let warnings: Vec<String> =
+            pictures.iter().flat_map(|picture| told(&picture.info().warnings)).collect();
+        say(&warnings);
+        refuse(&warnings, is_strict)?;
         Ok(pictures)
     }
 }

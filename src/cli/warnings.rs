@@ -1,5 +1,6 @@
 //! What the library warns of, on stderr, with the options that help.
 
+use relevo::Error;
 use relevo::source::advice;
 use relevo::text::printable;
 
@@ -27,4 +28,14 @@ pub fn say(warnings: &[String]) {
     for warning in warnings {
         voice::warning(&printable(warning));
     }
+}
+
+/// Fails if there are warnings and `--strict` makes errors of them.
+pub fn refuse(warnings: &[String], is_strict: bool) -> Result<(), Error> {
+    if !is_strict || warnings.is_empty() {
+        return Ok(());
+    }
+    let count =
+        if warnings.len() == 1 { "1 warning".to_owned() } else { format!("{} warnings", warnings.len()) };
+    Err(Error::usage(format!("{count}, an error by --strict: nothing is built")))
 }

@@ -70,6 +70,9 @@ pub(super) fn refusal(start: &[u8]) -> Error {
     if let Some((_, name)) = OTHERS.iter().find(begins) {
         return no_raster(name);
     }
+    if is_usgs_dem(start) {
+        return Error::unsupported("a USGS DEM", NEEDS_GDAL);
+    }
     if let Some((_, name)) = RASTERS.iter().find(begins) {
         return Error::unsupported(*name, NEEDS_GDAL);
     }
@@ -80,6 +83,13 @@ pub(super) fn refusal(start: &[u8]) -> Error {
             Error::unsupported("not a TIFF, nor anything else that is known by its first bytes", NEEDS_GDAL)
         }
     }
+}
+
+/// True if a text begins as a USGS DEM does, by the fields that GDAL looks at: level 1 or 4, a planimetric system.
+fn is_usgs_dem(start: &[u8]) -> bool {
+    let field = |from: usize| start.get(from..from + 6).unwrap_or_default();
+    let systems: [&[u8]; 5] = [b"     0", b"     1", b"     2", b"     3", b" -9999"];
+    [&b"     1"[..], b"     4"].contains(&field(150)) && systems.contains(&field(156))
 }
 
 /// The first word of a text in small letters; `None` unless it is a text.
@@ -113,11 +123,15 @@ mod tests {
     fn files_are_named_and_never_quoted() {
         let mut dted = vec![b' '; 80];
         dted[..4].copy_from_slice(b"UHL1");
+        let mut usgs = b"Mount St. Helens, WA".to_vec();
+        usgs.resize(150, b' ');
+        usgs.extend(b"     1     1    10");
         let helped = [
             (&b"\x89PNG\r\n\x1A\n\0\0\0\rIHDR"[..], "PNG"),
             (b"CDF\x01\0\0\0", "NetCDF"),
             (b"RIFF\x11\x22\x33\x44WEBPVP8", "WebP"),
             (&dted, "DTED"),
+            (&usgs, "USGS DEM"),
             (b"ncols 4\nnrows 3\n", "as text"),
             (b"\xEF\xBB\xBFNCOLS 4", "as text"),
             (b"400000.5 5000000 12.25\n", "as text"),

@@ -1,6 +1,7 @@
 //! Files to sources: by name, by what a file begins with, and many as one.
 
 use std::cell::Cell;
+use std::ffi::{OsStr, OsString};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -165,7 +166,7 @@ pub(super) fn start(path: &Path) -> Result<Vec<u8>> {
 
 /// The name of a file, without the `.gz` of a gzipped one.
 fn unpacked_name(path: &Path) -> PathBuf {
-    let name = PathBuf::from(file_name(path));
+    let name = PathBuf::from(path.file_name().unwrap_or_default());
     let is_packed = name.extension().is_some_and(|word| word.eq_ignore_ascii_case("gz"));
     if is_packed { name.with_extension("") } else { name }
 }
@@ -198,18 +199,19 @@ fn names_no_file(path: &Path) -> bool {
 
 /// What to call a container of this raster, without an extension: the file's own name, or of `NETCDF:"file":variable`
 /// both.
-pub fn stem(path: &Path) -> String {
+pub fn stem(path: &Path) -> OsString {
     let name = file_name(path);
     if !names_no_file(path) || !name.contains(['"', ':']) {
-        return unpacked_name(path)
-            .file_stem()
-            .map(|stem| stem.to_string_lossy().into_owned())
-            .unwrap_or_default();
+        return unpacked_name(path).file_stem().map(OsStr::to_owned).unwrap_or_default();
     }
     let driver = usize::from(path.to_string_lossy().starts_with(&name));
     let mut words = name.split(['"', ':']).filter(|word| !word.is_empty()).skip(driver);
     let file = Path::new(words.next().unwrap_or_default()).file_stem().unwrap_or_default();
-    words.fold(file.to_string_lossy().into_owned(), |stem, word| format!("{stem}_{word}"))
+    words.fold(file.to_owned(), |mut stem, word| {
+        stem.push("_");
+        stem.push(word);
+        stem
+    })
 }
 
 /// How files become one source.

@@ -1,6 +1,7 @@
 //! What is warned of, and that a warning is an error if that is wanted.
 
 use std::fs;
+use std::path::Path;
 
 use serde_json::Value;
 
@@ -130,6 +131,30 @@ fn a_batch_goes_on_and_its_record_has_the_warnings() {
     let strict = relevo(folder.path(), &[&all[..], &["--strict", "--force"]].concat());
     assert_eq!(strict.status.code(), Some(2), "{}", told(&strict));
     assert!(String::from_utf8_lossy(&strict.stdout).contains("1 built, 2 failed"), "{}", told(&strict));
+}
+
+#[test]
+fn warnings_of_pictures_are_errors_too_if_asked_for() {
+    let folder = tempfile::tempdir().expect("folder");
+    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+    for (fixture, name) in [("dem/rmnp_dem_uint16.tif", "dem.tif"), ("imagery/rmnp_rgb.tif", "rgb.tif")] {
+        fs::copy(fixtures.join(fixture), folder.path().join(name)).expect("a copy");
+    }
+    let said =
+        "<PAMDataset><PAMRasterBand band=\"1\"><NoDataValue>many</NoDataValue></PAMRasterBand></PAMDataset>";
+    fs::write(folder.path().join("rgb.tif.aux.xml"), said).expect("a sidecar");
+    let build = ["build", "dem.tif", "-o", "a.rlv", "--imagery", "rgb.tif"];
+    let strict = relevo(folder.path(), &[&build[..], &["--strict"]].concat());
+    assert_eq!(strict.status.code(), Some(2), "{}", told(&strict));
+    assert_eq!(warnings(&told(&strict)).len(), 1, "{}", told(&strict));
+    assert!(!folder.path().join("a.rlv").exists());
+    assert!(relevo(folder.path(), &build[..4]).status.success());
+    let before = fs::read(folder.path().join("a.rlv")).expect("the file");
+    let add = ["add", "a.rlv", "--imagery", "rgb.tif"];
+    let strict = relevo(folder.path(), &[&add[..], &["--strict"]].concat());
+    assert_eq!(strict.status.code(), Some(2), "{}", told(&strict));
+    assert!(fs::read(folder.path().join("a.rlv")).expect("the file") == before);
+    assert!(relevo(folder.path(), &add).status.success());
 }
 
 #[test]

@@ -1,17 +1,19 @@
 //! Names of the outputs of a batch: each input's own, with as much of its path in front as tells it from the others.
 
 use std::collections::HashMap;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 
 use relevo::Error;
+use relevo::source;
 
-use crate::cli::{build, shown};
+use crate::cli::shown;
 
 /// The output of every input, in a folder. Inputs of one name get the names of their folders in front (`north-n51.rlv`), and, where
 /// they lie in one folder, what their own names end in (`n51-hgt.rlv`).
 pub fn outputs(inputs: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Error> {
-    let mut names: Vec<String> = inputs.iter().map(|input| stem(input)).collect();
-    let mut prefixes: Vec<Vec<String>> = inputs.iter().map(|input| folders(input)).collect();
+    let mut names: Vec<OsString> = inputs.iter().map(|input| source::stem(input)).collect();
+    let mut prefixes: Vec<Vec<OsString>> = inputs.iter().map(|input| folders(input)).collect();
     let mut suffixed = vec![false; inputs.len()];
     while let Some(group) = alike(&names) {
         let mut changed = false;
@@ -19,14 +21,13 @@ pub fn outputs(inputs: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Error>
             let folder_differs = group.iter().any(|&j| prefixes[j] != prefixes[i]);
             if folder_differs {
                 if let Some(folder) = prefixes[i].pop() {
-                    names[i] = format!("{folder}-{}", names[i]);
+                    names[i] = joined(&folder, "-", &names[i]);
                     changed = true;
                 }
             } else if !suffixed[i] {
                 suffixed[i] = true;
-                let extension = inputs[i].extension().map(|e| e.to_string_lossy().into_owned());
-                if let Some(extension) = extension {
-                    names[i] = format!("{}-{extension}", names[i]);
+                if let Some(extension) = inputs[i].extension() {
+                    names[i] = joined(&names[i], "-", extension);
                     changed = true;
                 }
             }
@@ -34,35 +35,39 @@ pub fn outputs(inputs: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Error>
         if !changed {
             let name = |i: usize| shown(&inputs[i]);
             let (first, second) = (name(group[0]), name(group[1]));
-            let output = folder.join(format!("{}.rlv", names[group[0]]));
+            let output = folder.join(joined(&names[group[0]], ".", OsStr::new("rlv")));
             let what = format!("{first} and {second} would both become {}; give each once", shown(&output));
             return Err(Error::usage(what));
         }
     }
-    Ok(names.into_iter().map(|name| folder.join(format!("{name}.rlv"))).collect())
+    Ok(names.iter().map(|name| folder.join(joined(name, ".", OsStr::new("rlv")))).collect())
+}
+
+/// Two parts of a name with a sign between them.
+fn joined(first: &OsStr, between: &str, second: &OsStr) -> OsString {
+    let mut name = first.to_owned();
+    name.push(between);
+    name.push(second);
+    name
 }
 
 /// Inputs whose outputs would have one name: also where a file system takes no notice of capitals.
-fn alike(names: &[String]) -> Option<Vec<usize>> {
-    let mut groups: HashMap<String, Vec<usize>> = HashMap::with_capacity(names.len());
+fn alike(names: &[OsString]) -> Option<Vec<usize>> {
+    let mut groups: HashMap<OsString, Vec<usize>> = HashMap::with_capacity(names.len());
     for (i, name) in names.iter().enumerate() {
-        groups.entry(name.to_lowercase()).or_default().push(i);
+        let small =
+            name.to_str().map_or_else(|| name.to_ascii_lowercase(), |name| name.to_lowercase().into());
+        groups.entry(small).or_default().push(i);
     }
     groups.into_values().filter(|group| group.len() > 1).min()
 }
 
-/// The name of an output without `.rlv`.
-fn stem(input: &Path) -> String {
-    let name = build::output_name(input).to_string_lossy().into_owned();
-    name.strip_suffix(".rlv").map(str::to_owned).unwrap_or(name)
-}
-
 /// The names of the folders that an input lies in, the nearest last.
-fn folders(input: &Path) -> Vec<String> {
+fn folders(input: &Path) -> Vec<OsString> {
     let absolute = std::path::absolute(input).unwrap_or_else(|_| input.to_owned());
     let parts = absolute.parent().into_iter().flat_map(Path::components);
     let named = parts.filter_map(|part| match part {
-        std::path::Component::Normal(name) => Some(name.to_string_lossy().into_owned()),
+        std::path::Component::Normal(name) => Some(name.to_owned()),
         _ => None,
     });
     named.collect()

@@ -1,11 +1,11 @@
 //! Files that lie beside a raster: found, and read.
 
+use std::ffi::OsString;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::limits::Limits;
-use crate::source::file_name;
 
 /// Entries of a folder that are looked through for a name in another case, as GDAL does.
 const LISTED: usize = 1000;
@@ -35,18 +35,18 @@ pub(super) fn beside(raster: &Path, extensions: &[String]) -> Option<PathBuf> {
     }
     let names = listed(raster)?;
     extensions.iter().find_map(|extension| {
-        let wanted = file_name(&raster.with_extension(extension));
-        let name = names.iter().find(|name| name.eq_ignore_ascii_case(&wanted))?;
+        let wanted = raster.with_extension(extension);
+        let name =
+            names.iter().find(|name| name.eq_ignore_ascii_case(wanted.file_name().unwrap_or_default()))?;
         Some(raster.with_file_name(name)).filter(|path| path.is_file() && path != raster)
     })
 }
 
 /// Names in the raster's folder in their order; `None` if there are too many.
-fn listed(raster: &Path) -> Option<Vec<String>> {
+fn listed(raster: &Path) -> Option<Vec<OsString>> {
     let folder = raster.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let entries = std::fs::read_dir(folder).ok()?.flatten().take(LISTED + 1);
-    let mut names: Vec<String> =
-        entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    let mut names: Vec<OsString> = entries.map(|entry| entry.file_name()).collect();
     names.sort();
     (names.len() <= LISTED).then_some(names)
 }
@@ -69,6 +69,7 @@ pub(super) fn text(path: &Path, limits: &Limits) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::source::file_name;
 
     #[test]
     fn names_in_any_case() {

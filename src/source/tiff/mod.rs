@@ -101,8 +101,10 @@ impl TiffSource {
             let bands = layout.band_count - u32::from(alpha.is_some());
             info.warnings.extend(warn::odd_band(path, bands, kind, colours));
         }
-        // A value that the type does not hold is no nodata value beside an alpha band, as to GDAL.
-        let nodata = info.nodata.filter(|_| info.voids().is_of(kind));
+        // A value that the type does not hold is no nodata value beside an alpha band, as to GDAL, which takes
+        // that of the tag to float32 first, be it an infinite one.
+        let is_float_tag = kind == SampleType::Float32 && matches!(info.origins.nodata, Some(Origin::Tag(_)));
+        let nodata = info.nodata.filter(|_| is_float_tag || info.voids().is_of(kind));
         let mask = match (mask, alpha, nodata) {
             (None, Some(alpha), None) => Some(Band::new(Arc::clone(&file), alpha)),
             (None, Some(_), Some(nodata)) => {

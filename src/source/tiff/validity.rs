@@ -100,7 +100,8 @@ fn mask_flags(xml: &str, band: u32) -> Option<u64> {
     Some(text.parse().unwrap_or(0))
 }
 
-/// The first alpha band, unless that is the band itself.
+/// The last band, if it is an alpha band and not the band itself; an alpha band before others says nothing of them, as
+/// to GDAL: some writers mark the second of four bands.
 pub(super) fn alpha(
     (reader, image): (&mut Reader<'_>, &Directory),
     (of, band): (&Layout, u32),
@@ -112,7 +113,7 @@ pub(super) fn alpha(
     let first = (of.band_count as usize).saturating_sub(extra.len());
     let of_tags = |at: usize| at.checked_sub(first).is_some_and(|at| matches!(extra.get(at), Some(1 | 2)));
     let is_alpha = |&at: &u32| account.role(at + 1).map_or(of_tags(at as usize), |role| role == Role::Alpha);
-    match (0..of.band_count).find(is_alpha).filter(|&alpha| alpha != band) {
+    match of.band_count.checked_sub(1).filter(is_alpha).filter(|&alpha| alpha != band) {
         Some(alpha) => Layout::read(reader, image, limits, Purpose::Band(alpha)).map(Some),
         None => Ok(None),
     }
