@@ -1,4 +1,4 @@
-//! What the fuzzers feed, one function a target. `tests/fuzz_corpus.rs` runs the same functions over the corpus.
+//! What the fuzzers feed, one function a target. `tests/it/fuzz_corpus.rs` runs the same functions over the corpus.
 //!
 //! Each takes any bytes. It must return: a panic, an overflow, an endless loop or gigabytes of memory are findings. An
 //! error is the right answer to most inputs.

@@ -1,28 +1,10 @@
-//! Opening what is a file, and reading and writing at an offset whatever the cursor is, so that threads share one open file.
+//! Files by position: opened, read, written, told apart, asked for in advance.
 
 use std::fs::{self, File};
 use std::io;
 use std::path::Path;
 
-/// Opens a file to read it at any place: not a pipe, which would have the program wait for whoever writes to it, nor a device, which
-/// may have no end.
-pub(crate) fn open(path: &Path) -> io::Result<File> {
-    let refuse = |found: &fs::Metadata| -> io::Result<()> {
-        if found.is_dir() {
-            return Err(io::ErrorKind::IsADirectory.into());
-        }
-        if found.is_file() {
-            return Ok(());
-        }
-        let what = "it is a pipe or a device, which cannot be read here and there; copy it to a file";
-        Err(io::Error::new(io::ErrorKind::InvalidInput, what))
-    };
-    // To open a pipe is to wait already.
-    refuse(&fs::metadata(path)?)?;
-    let file = File::open(path)?;
-    refuse(&file.metadata()?)?;
-    Ok(file)
-}
+pub(crate) use relevo_core::read_at::open;
 
 /// Files that the process may have open at a time; `None` if the system has no such limit.
 #[cfg(unix)]
@@ -81,27 +63,8 @@ pub(crate) fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
 }
 
 /// Fills `bytes` from `offset` on; [`io::ErrorKind::UnexpectedEof`] if the file ends before.
-#[cfg(unix)]
 pub(crate) fn read_exact_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<()> {
-    std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset)
-}
-
-/// Fills `bytes` from `offset` on; [`io::ErrorKind::UnexpectedEof`] if the file ends before.
-#[cfg(windows)]
-pub(crate) fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> io::Result<()> {
-    use std::os::windows::fs::FileExt;
-    while !bytes.is_empty() {
-        match file.seek_read(bytes, offset) {
-            Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
-            Ok(count) => {
-                bytes = &mut bytes[count..];
-                offset += count as u64;
-            }
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => return Err(error),
-        }
-    }
-    Ok(())
+    relevo_core::ReadAt::read_exact_at(file, bytes, offset)
 }
 
 /// Asks the system to read some bytes of a file soon, so that who comes for them need not wait.

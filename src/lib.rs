@@ -38,35 +38,23 @@
 //! # }
 //! ```
 
-pub mod codec;
-pub mod container;
-pub mod error;
-pub mod error_code;
 pub mod export;
 mod file;
-mod gaps;
-pub mod geo;
 pub mod geotiff_write;
 pub mod hillshade;
 pub mod imagery;
-pub mod limits;
-pub mod observed;
-pub mod output;
 pub mod patch;
 pub mod pipeline;
-pub mod sample;
-pub mod select;
-pub mod simd;
 pub mod source;
-mod states;
-pub mod surface;
-pub mod texel;
-pub mod text;
 pub mod tile;
 pub mod verify;
+pub mod writer;
 
-pub use error::{Error, Result};
-pub use tile::TileId;
+pub use relevo_core::{
+    Error, Result, TileId, codec, container, crs, error, error_code, geo, limits, observed, output, sample,
+    select, simd, surface, texel, text,
+};
+use relevo_core::{gaps, states};
 
 // The code of README.md is compiled, so that it stays true.
 #[cfg(doctest)]

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Writes src/source/epsg/table.z: what the EPSG dataset says of coordinate systems, from PROJ's proj.db.
+"""Writes core/src/crs/epsg/table.z: what the EPSG dataset says of coordinate systems, from PROJ's proj.db.
 
     tools/epsg.py /usr/share/proj/proj.db
 
 The table is text, one row a line, fields apart by `|`, sections apart by an empty line, rows by code; the whole is
-deflated (zlib, level 9). src/source/epsg/table.rs says what the fields are. Lengths are in metres, angles in degrees.
+deflated (zlib, level 9). core/src/crs/epsg/table.rs says what the fields are. Lengths are in metres, angles in degrees.
 Made from EPSG v10.076, as PROJ 9.1.1 has it; the terms of use of the dataset (IOGP) let others use its values.
 """
 
@@ -13,7 +13,7 @@ import sqlite3
 import sys
 import zlib
 
-TABLE = pathlib.Path(__file__).parent.parent / "src/source/epsg/table.z"
+TABLE = pathlib.Path(__file__).parent.parent / "core/src/crs/epsg/table.z"
 
 
 def number(value):

@@ -1,8 +1,8 @@
 //! Where a file lies on the Earth, for `relevo info`: longitudes and latitudes of its corners and its middle.
 
 use relevo::container::reader::Reader;
+use relevo::crs::projection::Projection;
 use relevo::geo::{CrsKind, Geo};
-use relevo::source::projection::Projection;
 use serde_json::{Value, json};
 
 use crate::cli::table::short;

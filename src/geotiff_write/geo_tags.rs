@@ -1,9 +1,9 @@
 //! What GDAL reads beside the pixels: place, coordinate system, nodata, scale and unit.
 
 use super::{GeotiffSpec, Tag, Value, tags};
+use crate::crs::Definition;
+use crate::crs::geokeys;
 use crate::geo::{Crs, CrsKind, Geo, GeoKeys};
-use crate::source::geokeys;
-use crate::source::srs::Definition;
 
 /// Radians of a degree.
 const DEGREE: f64 = std::f64::consts::PI / 180.0;

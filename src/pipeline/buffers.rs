@@ -7,9 +7,9 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::codec::Scratch;
-use crate::container::writer::TileChunks;
 use crate::patch::blocks::Blocks;
 use crate::sample::Lattice;
+use crate::writer::TileChunks;
 
 /// Memory that nobody is using.
 #[derive(Default)]

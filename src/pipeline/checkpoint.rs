@@ -7,8 +7,8 @@ use std::fs::File;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use crate::container::work::NewState;
 use crate::error::{Error, Result};
+use crate::writer::work::NewState;
 
 /// A checkpoint may take this share of the time at most.
 const SHARE: u32 = 16;

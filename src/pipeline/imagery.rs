@@ -8,12 +8,9 @@ use serde_json::json;
 
 use super::{Observer, Stage, memory, outcome, threads};
 use crate::codec::picture::{self, Codec};
-use crate::container::amend;
 use crate::container::imagery::ImageryHeader;
 use crate::container::metadata::{ImageryNote, PictureSourceNote};
 use crate::container::reader::Reader;
-use crate::container::work::{Earlier, WorkFolder};
-use crate::container::writer::{ImagerySections, ImageryWriter};
 use crate::error::{Error, Result};
 use crate::geo::{Crs, Geo};
 use crate::imagery::{self, GUTTER, PlacedPicture, PyramidReport, Resolution, TexelGrid, TileSink};
@@ -21,6 +18,9 @@ use crate::output;
 use crate::source::picture::{KEPT, Memory, Picture};
 use crate::texel::{Colour, Texels};
 use crate::tile::TileId;
+use crate::writer::amend;
+use crate::writer::work::{Earlier, WorkFolder};
+use crate::writer::{ImagerySections, ImageryWriter};
 
 /// Bytes of metadata that the list of pictures may take: it shares the first 64 KiB of a file with much else.
 const NOTE_BYTES: usize = 8 << 10;
@@ -44,7 +44,7 @@ impl Default for LayerOptions {
     }
 }
 
-/// A layer that waits for its container: for [`crate::container::writer::ContainerWriter::attach`], and `note` for its metadata.
+/// A layer that waits for its container: for [`crate::writer::ContainerWriter::attach`], and `note` for its metadata.
 #[derive(Debug)]
 pub struct Layer {
     /// The sections, with their files in the folder that was given.

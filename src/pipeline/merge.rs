@@ -5,8 +5,6 @@ use std::time::Instant;
 
 use crate::container::metadata::{LevelNote, LevelStatistics, Metadata, SourceNote, Statistics};
 use crate::container::opening::OPENING_BYTES;
-use crate::container::work::{Earlier, WorkFolder};
-use crate::container::writer::ContainerWriter;
 use crate::error::{Error, Result};
 use crate::output;
 use crate::pipeline::buffers::Buffers;
@@ -21,6 +19,8 @@ use crate::pipeline::sweep::Sweep;
 use crate::pipeline::tally::Tally;
 use crate::pipeline::{BuildOptions, Observer, Report, Stage, outcome, plan, refuse_odd, workers};
 use crate::source::{Part, SourceInfo};
+use crate::writer::ContainerWriter;
+use crate::writer::work::{Earlier, WorkFolder};
 
 /// Bytes of metadata that the list of sources may take.
 const SOURCES_BYTES: usize = 20 << 10;

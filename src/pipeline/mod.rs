@@ -36,10 +36,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::container::layout::{Header, Metric};
 use crate::container::metadata::Statistics;
-use crate::container::writer::FileSummary;
 use crate::error::{Error, Result};
 use crate::output;
 use crate::source::Source;
+use crate::writer::FileSummary;
 use imagery::{Imagery, LayerReport};
 use reach::Extent;
 use run::Begun;

@@ -9,8 +9,6 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use crate::container::work::{Earlier, NewState, WorkFolder};
-use crate::container::writer::{ContainerWriter, Mark};
 use crate::error::{Error, Result};
 use crate::pipeline::buffers::Buffers;
 use crate::pipeline::checkpoint::Checkpoints;
@@ -25,6 +23,8 @@ use crate::pipeline::{BuildOptions, CHECKPOINT, Observer, Stage};
 use crate::source::{Nodata, Source, SourceInfo};
 use crate::tile::code::{Recipe, max_magnitude};
 use crate::tile::{fill, split};
+use crate::writer::work::{Earlier, NewState, WorkFolder};
+use crate::writer::{ContainerWriter, Mark};
 
 /// A window all of whose rows have been through the sweep.
 pub struct Done {

@@ -9,7 +9,6 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::container::writer::Mark;
 use crate::error::{Error, Result};
 use crate::file;
 use crate::pipeline::BuildOptions;
@@ -17,6 +16,7 @@ use crate::pipeline::reach::Extent;
 use crate::pipeline::seam::Seams;
 use crate::pipeline::tally::Tally;
 use crate::source::{Fingerprint, SourceInfo};
+use crate::writer::Mark;
 
 const MAGIC: &[u8; 8] = b"RLVSTATE";
 /// Goes up with every change to the state, the seam items, the list of tiles, or the chunks.

@@ -9,7 +9,6 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use crate::container::writer::ContainerWriter;
 use crate::error::Result;
 use crate::pipeline::buffers::Buffers;
 use crate::pipeline::plan::Plan;
@@ -21,6 +20,7 @@ use crate::pipeline::work::{Finished, Work};
 use crate::sample::{Lattice, VOID};
 use crate::tile::TileId;
 use crate::tile::fill::{self, Fill, Neighbourhood};
+use crate::writer::ContainerWriter;
 
 /// A tile's place in a row.
 pub enum Slot {

@@ -4,7 +4,6 @@ use crate::codec::height::Fills;
 use crate::codec::table::ErrorTable;
 use crate::codec::{height, mask, table};
 use crate::container::layout::Metric;
-use crate::container::writer::{TileChunks, TileRecord};
 use crate::error::{Error, Result};
 use crate::error_code::code_from_metres;
 use crate::gaps;
@@ -16,6 +15,7 @@ use crate::pipeline::plan::Plan;
 use crate::pipeline::quarter::{Quarter, Range};
 use crate::sample::{Lattice, VALID};
 use crate::tile::{TileId, downsample};
+use crate::writer::{TileChunks, TileRecord};
 
 /// A tile before its own turn: its lattice, and what its children left for it.
 pub struct Work {

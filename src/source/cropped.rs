@@ -3,8 +3,9 @@
 use std::ops::Range;
 use std::path::PathBuf;
 
-use super::projection::Between;
-use super::{Fingerprint, Rect, Source, SourceInfo, Window, srs};
+use super::{Fingerprint, Rect, Source, SourceInfo, Window};
+use crate::crs;
+use crate::crs::projection::Between;
 use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind, Geo};
 
@@ -58,7 +59,7 @@ impl Bbox {
 
     /// The box that holds this one, in the coordinates of a raster.
     fn in_system_of(&self, geo: &Geo, (width, height): (u32, u32)) -> Result<[f64; 4]> {
-        let system = self.crs.as_deref().map(srs::read).transpose()?;
+        let system = self.crs.as_deref().map(crs::read).transpose()?;
         let [west, _, east, _] = self.bounds;
         // Of longitudes that is a box over the antimeridian.
         if west > east && system.as_ref().unwrap_or(&geo.crs).kind != CrsKind::Geographic {
@@ -68,7 +69,7 @@ impl Bbox {
             return Err(Error::usage(what));
         }
         let bounds = match &system {
-            Some(system) if !srs::are_same(system, &geo.crs) => converted(self.bounds, system, &geo.crs)?,
+            Some(system) if !crs::are_same(system, &geo.crs) => converted(self.bounds, system, &geo.crs)?,
             _ => unrolled(self.bounds, &geo.crs),
         };
         Ok(turned(bounds, geo, geo.bounds(width, height)))
@@ -212,7 +213,7 @@ mod tests {
     use super::*;
 
     fn geo(code: &str, transform: [f64; 6]) -> Geo {
-        Geo { transform: Some(transform), pixel_is_point: false, crs: srs::read(code).expect("code") }
+        Geo { transform: Some(transform), pixel_is_point: false, crs: crs::read(code).expect("code") }
     }
 
     fn window(geo: &Geo, size: (u32, u32), bounds: [f64; 4], crs: Option<&str>) -> Result<Rect> {

@@ -4,7 +4,7 @@
 //! where, and what can be done; numbers that cannot be worked with at all are refused.
 
 use super::SourceInfo;
-use super::srs::Definition;
+use crate::crs::Definition;
 use crate::error::{Error, Result};
 use crate::geo::{CrsKind, Geo};
 
@@ -137,10 +137,10 @@ fn name(geo: &Geo) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::srs;
+    use crate::crs;
 
     fn info(crs: &str, transform: [f64; 6], size: (u32, u32)) -> SourceInfo {
-        let geo = Geo { transform: Some(transform), pixel_is_point: false, crs: srs::read(crs).expect(crs) };
+        let geo = Geo { transform: Some(transform), pixel_is_point: false, crs: crs::read(crs).expect(crs) };
         let description = serde_json::json!({
             "width": size.0, "height": size.1, "sample_type": "int16", "nodata": null, "band_scale": 1.0,
             "band_offset": 0.0, "vertical_unit": [1.0, "m"], "geo": geo, "description": "", "parts": [],

@@ -150,7 +150,8 @@ mod tests {
         read_exact_at(&content.file, &mut some, 2_000_123).expect("read");
         assert_eq!(some, bytes[2_000_123..2_001_123]);
 
-        let small = Limits { unpacked_bytes: 2_999_999, ..limits };
+        let mut small = limits;
+        small.unpacked_bytes = 2_999_999;
         assert!(matches!(open(&path, &small), Err(Error::Limit { max: 2_999_999, .. })));
         for length in [3, 10, 11, 500, packed.len() - 1] {
             std::fs::write(&path, &packed[..length]).expect("write");

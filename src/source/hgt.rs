@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use super::account::Account;
 use super::{
     FileStamp, Fingerprint, Origin, Origins, Part, ReadMemory, Samples, Source, SourceInfo, Window,
-    check_window, file_name, gzip, srs,
+    check_window, file_name, gzip,
 };
 use crate::error::{Error, Result};
 use crate::file::read_exact_at;
@@ -63,7 +63,7 @@ impl HgtSource {
             geo: Geo {
                 transform: Some(transform),
                 pixel_is_point: account.aux_pixel_is_point().unwrap_or(true),
-                crs: srs::of_code(CrsKind::Geographic, 4326),
+                crs: crate::crs::of_code(CrsKind::Geographic, 4326),
             },
             parts: vec![Part { name: file_name(path), description: description.clone() }],
             description,

@@ -6,10 +6,8 @@
 pub mod account;
 pub mod cropped;
 mod earth;
-mod epsg;
 #[cfg(feature = "gdal")]
 pub mod gdal;
-pub mod geokeys;
 mod gzip;
 pub mod hgt;
 mod kind;
@@ -19,8 +17,6 @@ pub mod mosaic;
 mod nodata;
 mod open;
 pub mod picture;
-pub mod projection;
-pub(crate) mod srs;
 mod stated;
 pub mod tiff;
 pub mod unit;

@@ -57,7 +57,7 @@ pub fn state(info: &mut SourceInfo, options: &OpenOptions) {
         (crs.vertical_epsg, crs.vertical_down) = (None, false);
         crs.vertical_name += " (negated)";
         if let Some(keys) = &mut crs.keys {
-            super::geokeys::drop_vertical(keys);
+            crate::crs::geokeys::drop_vertical(keys);
         }
     }
 }

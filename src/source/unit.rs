@@ -1,6 +1,6 @@
 //! Vertical units: what their names mean, in the words of files and of the command line.
 
-use super::epsg::{FOOT, US_SURVEY_FOOT};
+use crate::crs::epsg::{FOOT, US_SURVEY_FOOT};
 
 /// Metres of a unit by its name: GDAL's own names, those of PROJ and OGC, and the usual ones of people; `0.25 m` is
 /// a unit of a quarter of a metre.

@@ -14,7 +14,7 @@ pub mod advice {
     /// Choose a band ([`OpenOptions::band`](crate::source::OpenOptions::band)).
     pub const BAND: &str = "choose another band";
     /// State the vertical unit ([`OpenOptions::vertical_unit`](crate::source::OpenOptions::vertical_unit)).
-    pub const UNIT: &str = "state the vertical unit";
+    pub use crate::crs::geokeys::UNIT_ADVICE as UNIT;
     /// Say that samples are depths ([`OpenOptions::depth`](crate::source::OpenOptions::depth)).
     pub const DEPTH: &str = "state that the samples are depths";
     /// Warp to another coordinate system ([`OpenOptions::warp`](crate::source::OpenOptions::warp)).

@@ -1,6 +1,6 @@
 //! Cameras, in double precision: a pose on the lattice, where a view will be soon, and the fly and orbit controls.
 
-use relevo::select::{Frame, View};
+use relevo_core::select::{Frame, View};
 
 /// Vertical field of view unless told otherwise, degrees.
 pub const FOV: f64 = 50.0;

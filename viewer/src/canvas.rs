@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use relevo::{Error, Result};
+use relevo_core::{Error, Result};
 use wgpu::CurrentSurfaceTexture as Current;
 use winit::event_loop::OwnedDisplayHandle;
 use winit::window::Window;

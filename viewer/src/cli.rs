@@ -8,8 +8,8 @@ use std::process::ExitCode;
 
 use anstream::{AutoStream, ColorChoice};
 use clap::{ArgGroup, CommandFactory, FromArgMatches, Parser, ValueEnum};
-use relevo::select::EdgeRule;
-use relevo::text::printable;
+use relevo_core::select::EdgeRule;
+use relevo_core::text::printable;
 use relevo_viewer::governor::Target;
 use relevo_viewer::gpu::Paint;
 use relevo_viewer::headless::{self, Journey, Shot, Summary};

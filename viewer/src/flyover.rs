@@ -1,9 +1,9 @@
 //! A camera path for a file that has none: an overview, a descent, a low flight across the terrain, and a climb.
 
-use relevo::container::Reader;
-use relevo::select::Frame;
-use relevo::tile::TileId;
-use relevo::{Error, Result};
+use relevo_core::container::Reader;
+use relevo_core::select::Frame;
+use relevo_core::tile::TileId;
+use relevo_core::{Error, Result};
 
 use crate::camera::{FOV, Pose};
 use crate::path::{CameraPath, Key};

@@ -4,11 +4,11 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use relevo::container::Reader;
-use relevo::geo::CrsKind;
-use relevo::output::{self, NewFile};
-use relevo::select::{EdgeRule, Frame, Levels, Selection, View};
-use relevo::{Error, Result, observed, surface};
+use relevo_core::container::Reader;
+use relevo_core::geo::CrsKind;
+use relevo_core::output::{self, NewFile};
+use relevo_core::select::{EdgeRule, Frame, Levels, Selection, View};
+use relevo_core::{Error, Result, observed, surface};
 
 use crate::camera::{FOV, Pose, moved, near};
 use crate::flyover;

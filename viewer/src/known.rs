@@ -4,11 +4,11 @@
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
-use relevo::TileId;
-use relevo::container::Header;
-use relevo::select::imagery::Images;
-use relevo::select::tile::{Node, TileTable};
-use relevo::select::traverse::Tiles;
+use relevo_core::TileId;
+use relevo_core::container::Header;
+use relevo_core::select::imagery::Images;
+use relevo_core::select::tile::{Node, TileTable};
+use relevo_core::select::traverse::Tiles;
 
 /// Rows of the index and tables of tiles.
 #[derive(Debug)]

@@ -10,11 +10,11 @@ use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::JoinHandle;
 
-use relevo::container::Reader;
-use relevo::select::tile::{Node, TileData, TileTable};
-use relevo::select::{Frame, Options, View};
-use relevo::texel::Texels;
-use relevo::{Error, Result, TileId};
+use relevo_core::container::Reader;
+use relevo_core::select::tile::{Node, TileData, TileTable};
+use relevo_core::select::{Frame, Options, View};
+use relevo_core::texel::Texels;
+use relevo_core::{Error, Result, TileId};
 
 use worker::Worker;
 

@@ -1,6 +1,6 @@
 //! Text over the picture: letters of [`crate::font`] as rectangles, on a dark panel.
 
-use relevo::Result;
+use relevo_core::Result;
 
 use crate::font;
 use crate::gpu::Gpu;

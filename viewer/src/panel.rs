@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use egui::{Align2, Checkbox, Context, Grid, Order, Slider, SliderClamping, Ui, ViewportId};
 use egui_wgpu::{Renderer, RendererOptions, ScreenDescriptor};
-use relevo::Result;
+use relevo_core::Result;
 use winit::dpi::PhysicalPosition;
 use winit::event::{ElementState, WindowEvent};
 use winit::keyboard::{Key, NamedKey};

@@ -18,8 +18,8 @@
 
 use std::path::Path;
 
-use relevo::geo::Geo;
-use relevo::{Error, Result};
+use relevo_core::geo::Geo;
+use relevo_core::{Error, Result};
 use serde_json::{Map, Value, json};
 
 use crate::camera::{FOV, Pose};
@@ -90,7 +90,7 @@ impl CameraPath {
 
     /// Writes a file.
     pub fn write(&self, path: &Path) -> Result<()> {
-        relevo::output::write(path, self.json().as_bytes(), true)
+        relevo_core::output::write(path, self.json().as_bytes(), true)
     }
 
     /// The keys.

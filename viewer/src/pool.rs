@@ -5,7 +5,7 @@
 
 use std::collections::HashMap;
 
-use relevo::TileId;
+use relevo_core::TileId;
 
 /// Frames after which a tile that nobody used leaves, as in paper 001.
 pub const UNUSED_FRAMES: u64 = 1_000;

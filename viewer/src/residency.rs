@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use relevo::container::Header;
-use relevo::select::imagery::{Draw, Images};
-use relevo::select::tile::{Node, TileData};
-use relevo::select::traverse::Tiles;
-use relevo::select::{Selection, TileTable};
-use relevo::texel::Texels;
-use relevo::{Result, TileId};
+use relevo_core::container::Header;
+use relevo_core::select::imagery::{Draw, Images};
+use relevo_core::select::tile::{Node, TileData};
+use relevo_core::select::traverse::Tiles;
+use relevo_core::select::{Selection, TileTable};
+use relevo_core::texel::Texels;
+use relevo_core::{Result, TileId};
 
 use crate::known::{KnownImages, KnownTiles};
 use crate::loader::{Delivery, Item, LoadedImage, LoadedTile};

@@ -4,11 +4,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use relevo::container::{ImageryLayer, Reader, ReaderOptions};
-use relevo::select::imagery::{self, Draw, Layer};
-use relevo::select::traverse::Tiles;
-use relevo::select::{EdgeRule, Frame, Node, Options, Selection, View, select};
-use relevo::{Error, Result, TileId};
+use relevo_core::container::{ImageryLayer, Reader, ReaderOptions};
+use relevo_core::select::imagery::{self, Draw, Layer};
+use relevo_core::select::traverse::Tiles;
+use relevo_core::select::{EdgeRule, Frame, Node, Options, Selection, View, select};
+use relevo_core::{Error, Result, TileId};
 
 use crate::camera;
 use crate::gpu::Sizes;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use relevo::select::EdgeRule;
+use relevo_core::select::EdgeRule;
 
 use crate::governor::Target;
 use crate::gpu::Paint;

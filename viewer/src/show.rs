@@ -5,8 +5,8 @@ mod commands;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use relevo::Result;
-use relevo::select::{Levels, View};
+use relevo_core::Result;
+use relevo_core::select::{Levels, View};
 #[cfg(feature = "ui")]
 use winit::event::WindowEvent;
 use winit::event_loop::OwnedDisplayHandle;

@@ -1,10 +1,10 @@
 //! A scene and the renderer that draws it.
 
-use relevo::select::levels::patch_box;
-use relevo::select::tile::TileData;
-use relevo::select::{Frame, Levels, Selection, View};
-use relevo::texel::Texels;
-use relevo::{Error, Result};
+use relevo_core::select::levels::patch_box;
+use relevo_core::select::tile::TileData;
+use relevo_core::select::{Frame, Levels, Selection, View};
+use relevo_core::texel::Texels;
+use relevo_core::{Error, Result};
 
 use crate::gpu::{FrameInput, Gpu, Look, Paint, Renderer};
 use crate::residency::Store;

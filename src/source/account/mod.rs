@@ -39,8 +39,8 @@ use self::gdal_metadata::Items;
 pub use self::origin::{Origin, Origins};
 pub(in crate::source) use self::role::Role;
 use super::open::NEEDS_GDAL;
-use super::srs::Definition;
 use super::{advice, file_name, metadata, unit};
+use crate::crs::Definition;
 use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind, Geo};
 use crate::limits::Limits;
@@ -356,12 +356,12 @@ pub(in crate::source) fn is_unknown(crs: &Crs) -> bool {
 
 /// No coordinate system.
 fn unknown() -> Crs {
-    super::geokeys::read(crate::geo::GeoKeys::default()).crs
+    crate::crs::geokeys::read(crate::geo::GeoKeys::default()).crs
 }
 
 /// A coordinate system as it is kept; a projection that has no name here keeps the words of the text.
 fn of_text(system: &Definition, text: &str) -> Crs {
-    super::srs::read(text).unwrap_or_else(|_| system.crs())
+    crate::crs::read(text).unwrap_or_else(|_| system.crs())
 }
 
 /// What a text says, refused where x would not be east.

@@ -9,13 +9,14 @@ use gdal::spatial_ref::SpatialRef;
 use gdal::{Dataset, Metadata};
 
 use super::Validity;
+use crate::crs::{self, epsg};
 use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind, Ellipsoid, Geo};
 use crate::limits::Limits;
 use crate::sample::SampleType;
 use crate::source::tiff::no_band;
 use crate::source::{
-    Origin, Origins, Part, ReadMemory, SourceInfo, account, epsg, file_name, metadata, srs, unit, warn,
+    Origin, Origins, Part, ReadMemory, SourceInfo, account, file_name, metadata, unit, warn,
 };
 
 /// Everything known at once, and what says which samples are valid. `chosen` is the band, from 1, if somebody chose it.
@@ -209,7 +210,7 @@ fn sample_type(band: &RasterBand<'_>) -> Result<SampleType> {
 /// The coordinate system, and metres and name of the vertical unit if it has a vertical part.
 pub(super) fn crs(spatial: Option<&SpatialRef>) -> (Crs, Option<(f64, String)>) {
     let Some(spatial) = spatial else {
-        return (srs::Definition::engineering(String::new(), 1.0).crs(), None);
+        return (crs::Definition::engineering(String::new(), 1.0).crs(), None);
     };
     let attribute = |path: &str, child| spatial.get_attr_value(path, child).ok().flatten();
     let code = |node| epsg_code(spatial, node);

@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
+use crate::crs;
 use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind};
-use crate::source::{SourceInfo, srs};
+use crate::source::SourceInfo;
 
 /// How much two numbers that mean the same may differ in files, as a share.
 const ROUNDING: f64 = 1e-9;
@@ -13,7 +14,7 @@ const ROUNDING: f64 = 1e-9;
 pub(crate) fn same_crs(a: (&Path, &SourceInfo), b: (&Path, &SourceInfo)) -> Result<()> {
     let (one, other) = (&a.1.geo.crs, &b.1.geo.crs);
     let vertical = one.vertical_epsg.zip(other.vertical_epsg);
-    if srs::are_same(one, other) && vertical.is_none_or(|(one, other)| one == other) {
+    if crs::are_same(one, other) && vertical.is_none_or(|(one, other)| one == other) {
         return Ok(());
     }
     Err(Error::usage(format!(

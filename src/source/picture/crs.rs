@@ -1,14 +1,14 @@
 //! Whether two coordinate systems are the same, as far as files tell.
 
+use crate::crs;
 use crate::geo::{Crs, CrsKind};
-use crate::source::srs;
 
 /// True if coordinates of one are coordinates of the other.
 pub(super) fn same(a: &Crs, b: &Crs) -> bool {
     if is_unknown(a) || is_unknown(b) {
         return is_unknown(a) && is_unknown(b);
     }
-    srs::are_same(a, b)
+    crs::are_same(a, b)
 }
 
 /// True if nothing is known of it but its unit.
@@ -33,13 +33,13 @@ mod tests {
 
     #[test]
     fn what_they_define_decides_and_no_name() {
-        let utm = srs::read("EPSG:32612").expect("code");
-        let same_name = Crs { name: utm.name.clone(), ..srs::read("EPSG:32613").expect("code") };
+        let utm = crs::read("EPSG:32612").expect("code");
+        let same_name = Crs { name: utm.name.clone(), ..crs::read("EPSG:32613").expect("code") };
         assert!(same(&utm, &Crs { name: "b".into(), ..utm.clone() }) && !same(&utm, &same_name));
-        let own = srs::read("+proj=utm +zone=12 +datum=WGS84").expect("PROJ");
+        let own = crs::read("+proj=utm +zone=12 +datum=WGS84").expect("PROJ");
         assert!(own.epsg.is_none() && same(&own, &utm));
         assert!(!same(&own, &Crs { unit: 0.3048, ..own.clone() }));
-        let other = srs::read("+proj=utm +zone=12 +datum=NAD27").expect("PROJ");
+        let other = crs::read("+proj=utm +zone=12 +datum=NAD27").expect("PROJ");
         assert!(!same(&own, &Crs { name: own.name.clone(), ..other }));
         assert!(same(&Crs::default(), &Crs::default()) && !same(&Crs::default(), &utm));
     }

@@ -3,10 +3,10 @@
 use tiff::tags::Tag;
 
 use super::directory::{Directory, GDAL_METADATA, Reader};
+use crate::crs::geokeys;
 use crate::error::Result;
 use crate::geo::GeoKeys;
 use crate::source::account::Tags;
-use crate::source::geokeys;
 
 /// What the tags say of place, coordinate system and heights.
 pub(super) fn read(reader: &mut Reader<'_>, image: &Directory) -> Result<Tags> {

@@ -1,15 +1,15 @@
 //! The coordinate system of a VRT: what it says, in the words of its sources where both say the same.
 
+use crate::crs;
 use crate::error::Result;
 use crate::geo::Crs;
-use crate::source::srs;
 
 /// The coordinate system of a VRT whose sources have `of_sources`: theirs, which says more of itself than WKT has words
 /// for, if the VRT says nothing or defines the same; else its own, whatever both are called.
 pub(super) fn resolve(text: Option<&str>, of_sources: &Crs) -> Result<Crs> {
     let Some(text) = text.filter(|text| !text.trim().is_empty()) else { return Ok(of_sources.clone()) };
-    let said = srs::read(text)?;
-    if !srs::are_same(&said, of_sources) {
+    let said = crs::read(text)?;
+    if !crs::are_same(&said, of_sources) {
         return Ok(said);
     }
     let other_heights = said.vertical_epsg.is_some() && said.vertical_epsg != of_sources.vertical_epsg
@@ -36,7 +36,7 @@ mod tests {
 
     #[test]
     fn that_of_the_sources_or_its_own() {
-        let sources = Crs { name: "as they say".into(), ..srs::read("EPSG:4326").expect("code") };
+        let sources = Crs { name: "as they say".into(), ..crs::read("EPSG:4326").expect("code") };
         assert_eq!(resolve(None, &sources).expect("sources'"), sources);
         assert_eq!(resolve(Some(WKT1), &sources).expect("the same"), sources);
         let other = resolve(Some("PROJCS[\"u\",AUTHORITY[\"EPSG\",\"32610\"]]"), &sources).expect("code");
@@ -49,7 +49,7 @@ mod tests {
 
     #[test]
     fn one_name_and_other_parameters_are_another_system() {
-        let sources = srs::read(&albers(20)).expect("WKT");
+        let sources = crs::read(&albers(20)).expect("WKT");
         assert_eq!(resolve(Some(&albers(20)), &sources).expect("the same"), sources);
         let other = resolve(Some(&albers(21)), &sources).expect("WKT");
         assert!(other.name == sources.name && other != sources);

@@ -1,8 +1,8 @@
 //! Heights, validity and error tables of tiles, and images: what is uploaded once and drawn many times.
 
-use relevo::select::{TileData, TileTable};
-use relevo::texel::{Colour, Texels};
-use relevo::{Error, Result};
+use relevo_core::select::{TileData, TileTable};
+use relevo_core::texel::{Colour, Texels};
+use relevo_core::{Error, Result};
 
 use super::device::Gpu;
 use super::sizes::{Packing, Sizes};

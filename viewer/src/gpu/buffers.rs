@@ -1,7 +1,7 @@
 //! Buffers of one picture: what selection chose, what the passes make of it.
 
-use relevo::Result;
-use relevo::select::neighbours::edges_of_tile;
+use relevo_core::Result;
+use relevo_core::select::neighbours::edges_of_tile;
 use wgpu::BufferUsages;
 
 use super::device::Gpu;

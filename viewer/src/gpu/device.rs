@@ -3,7 +3,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use relevo::{Error, Result};
+use relevo_core::{Error, Result};
 
 /// A device to draw with.
 #[derive(Debug)]

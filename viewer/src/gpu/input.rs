@@ -1,10 +1,10 @@
 //! What a picture is made of, as the passes read it; refuses what does not belong together.
 
 use bytemuck::{Pod, Zeroable};
-use relevo::select::imagery::Draw;
-use relevo::select::neighbours::edges_of_tile;
-use relevo::select::{Chosen, EdgeRule, Levels};
-use relevo::{Error, Result};
+use relevo_core::select::imagery::Draw;
+use relevo_core::select::neighbours::edges_of_tile;
+use relevo_core::select::{Chosen, EdgeRule, Levels};
+use relevo_core::{Error, Result};
 
 use super::atlas::Atlas;
 use super::sizes::Sizes;

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use relevo::Result;
-use relevo::select::pattern::Meshes;
+use relevo_core::Result;
+use relevo_core::select::pattern::Meshes;
 use wgpu::BufferUsages;
 
 use super::device::Gpu;

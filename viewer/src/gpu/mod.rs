@@ -22,8 +22,8 @@ mod readback;
 pub mod renderer;
 pub mod sizes;
 
-use relevo::select::imagery::Draw;
-use relevo::select::{EdgeRule, Frame, Levels, Selection, View};
+use relevo_core::select::imagery::Draw;
+use relevo_core::select::{EdgeRule, Frame, Levels, Selection, View};
 
 pub use device::Gpu;
 pub use picture::Picture;

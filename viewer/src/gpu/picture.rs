@@ -3,8 +3,8 @@
 use std::io::BufWriter;
 use std::path::Path;
 
-use relevo::output::NewFile;
-use relevo::{Error, Result};
+use relevo_core::output::NewFile;
+use relevo_core::{Error, Result};
 
 use super::device::Gpu;
 

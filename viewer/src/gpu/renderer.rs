@@ -1,8 +1,8 @@
 //! Draws pictures: finds steps, sorts patches into buckets, draws each bucket.
 
-use relevo::Result;
-use relevo::select::{EdgeRule, Levels, TileData};
-use relevo::texel::Texels;
+use relevo_core::Result;
+use relevo_core::select::{EdgeRule, Levels, TileData};
+use relevo_core::texel::Texels;
 
 use super::atlas::Atlas;
 use super::buffers::Buffers;
@@ -154,7 +154,7 @@ impl Renderer {
     fn write(&mut self, gpu: &Gpu, packed: &Packed) {
         let parts = packed.tiles.len() as u32 * self.sizes.patches().pow(2);
         let edges =
-            packed.tiles.len() as u32 * relevo::select::neighbours::edges_of_tile(self.sizes.patches());
+            packed.tiles.len() as u32 * relevo_core::select::neighbours::edges_of_tile(self.sizes.patches());
         self.last = (parts, edges);
         let put = |buffer, at: u32, bytes: &[u8]| {
             if !bytes.is_empty() {

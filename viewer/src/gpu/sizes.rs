@@ -1,7 +1,7 @@
 //! How much memory a renderer takes, and how many tiles and images fit a budget.
 
-use relevo::select::neighbours::edges_of_tile;
-use relevo::{Error, Result};
+use relevo_core::select::neighbours::edges_of_tile;
+use relevo_core::{Error, Result};
 
 use super::device::Gpu;
 use super::input::{DRAW_BYTES, TILE_BYTES};

@@ -4,13 +4,13 @@ use std::collections::HashSet;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError};
 
-use relevo::container::{ImageryLayer, Reader, TileEntry};
-use relevo::select::imagery::{self, Images, Layer};
-use relevo::select::tile::{Node, TileData, TileTable};
-use relevo::select::traverse::Tiles;
-use relevo::select::{Frame, View, select};
-use relevo::texel::Texels;
-use relevo::{Result, TileId};
+use relevo_core::container::{ImageryLayer, Reader, TileEntry};
+use relevo_core::select::imagery::{self, Images, Layer};
+use relevo_core::select::tile::{Node, TileData, TileTable};
+use relevo_core::select::traverse::Tiles;
+use relevo_core::select::{Frame, View, select};
+use relevo_core::texel::Texels;
+use relevo_core::{Result, TileId};
 
 use super::{Ask, Delivery, Item, LoadedImage, LoadedTile, Message};
 use crate::cache::Cache;
@@ -220,8 +220,9 @@ impl Worker {
 
     fn decode_tile(&self, id: TileId) -> Result<(Decoded, usize)> {
         let reader = &self.reader;
-        let absent =
-            || relevo::Error::format(format!("index row of tile {id}"), "a row", "none").at(reader.path());
+        let absent = || {
+            relevo_core::Error::format(format!("index row of tile {id}"), "a row", "none").at(reader.path())
+        };
         let entry = reader.entry(id)?.ok_or_else(absent)?;
         let lattice = reader.read_tile(id)?;
         let errors = reader.read_errors(id)?;
@@ -235,7 +236,7 @@ impl Worker {
     }
 
     fn decode_image(&self, id: TileId) -> Result<(Decoded, usize)> {
-        let none = || relevo::Error::usage("the file has no imagery");
+        let none = || relevo_core::Error::usage("the file has no imagery");
         let texels = self.reader.imagery().ok_or_else(none)?.read_tile(id)?;
         let bytes = texels.colour.len() + texels.alpha.as_ref().map_or(0, Vec::len);
         Ok((Decoded::Image(Arc::new(texels)), bytes))

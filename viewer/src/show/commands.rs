@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use relevo::select::Levels;
-use relevo::{Error, Result};
+use relevo_core::select::Levels;
+use relevo_core::{Error, Result};
 
 use super::Show;
 use crate::camera::{FOV, Mode};
