@@ -123,15 +123,15 @@ if cargo nextest --version >/dev/null 2>&1; then
     runner=(cargo nextest run --no-fail-fast)
     behind='container|golden|vectors|verify|horizontal|half_steps|observed|select|real_data|memory|resume|pieces'
     behind+='|state|sparse|export|hillshade|geotiff_write|imagery_pyramid|fuzz_corpus|cli_pages|cli_json|hostile_text'
-    once=(-E "not binary(/^($behind)\$/)")
+    once=(-E "binary(it) - test(/^($behind)::/) + kind(lib) & test(/^source::/)")
 fi
 
 run fmt cargo fmt --all --check
 run clippy cargo clippy --locked --workspace --all-targets -- -D warnings
 run clippy-all-features cargo clippy --locked --workspace --all-targets --all-features -- -D warnings
-run test "${runner[@]}" --locked --workspace
+run test "${runner[@]}" --locked --workspace --features relevo-core/ruzstd
 # (The viewer reads what is built, and has no such feature.)
-run test-gdal "${runner[@]}" --locked --workspace --exclude relevo-viewer --features relevo/gdal "${once[@]}"
+run test-gdal "${runner[@]}" --locked --package relevo --features gdal "${once[@]}"
 run doctest cargo test --locked --workspace --doc --no-fail-fast
 run doc env RUSTDOCFLAGS='-D warnings' cargo doc --locked --workspace --no-deps --document-private-items
 dependencies

@@ -1,0 +1,7 @@
+//! Terrain to build from, and the truth about what is drawn of it.
+
+#![allow(dead_code, reason = "not every test needs all of it")]
+
+pub mod selection;
+pub mod terrain;
+pub mod truth;
