@@ -105,7 +105,7 @@ pub fn picture(reader: &Reader, output: &Path, level: u8, style: hillshade::Styl
     for (what, side) in [("picture width", columns), ("picture height", rows)] {
         if side > MAX_PICTURE_SIDE {
             return Err(Error::limit(
-                format!("{what} (choose a coarser --level)"),
+                format!("{what} (choose a coarser `level`)"),
                 side.into(),
                 MAX_PICTURE_SIDE.into(),
             ));
@@ -135,7 +135,7 @@ fn check_apart(output: &Path, reader: &Reader) -> Result<()> {
 fn check_level(header: &Header, level: u8) -> Result<()> {
     if level > header.levels {
         return Err(Error::usage(format!(
-            "--level {level}: this file has levels 0 (root) to {}",
+            "`level` {level}: this file has levels 0 (root) to {}",
             header.levels
         )));
     }

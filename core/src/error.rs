@@ -60,14 +60,52 @@ pub enum Error {
         /// The largest accepted.
         max: u64,
     },
+    /// The system has no memory left for something.
+    #[error("{}not enough memory for {} ({bytes} bytes)", prefix(.path), printable(.what))]
+    OutOfMemory {
+        /// The file in question; empty if there is none.
+        path: PathBuf,
+        /// What it was for.
+        what: String,
+        /// Bytes that were asked for.
+        bytes: u64,
+    },
+    /// A file is another than it was when the work began.
+    #[error("{}{}", prefix(.path), printable(.how))]
+    Changed {
+        /// The file.
+        path: PathBuf,
+        /// How it shows, and what to do.
+        how: String,
+    },
+    /// The output is there already.
+    #[error("{}it exists already; use `force` to replace it", prefix(.path))]
+    Exists {
+        /// The output.
+        path: PathBuf,
+    },
+    /// The work folder of the output holds an unfinished build.
+    #[error("{}it holds an unfinished build of {}; `resume` goes on with it, `force` begins anew", prefix(.folder), printable(&.output.display().to_string()))]
+    Unfinished {
+        /// The work folder.
+        folder: PathBuf,
+        /// The output.
+        output: PathBuf,
+    },
+    /// The program is at fault: what it relies on does not hold.
+    #[error("{}: this is a fault of the program; please report it", printable(.what))]
+    Internal {
+        /// What does not hold.
+        what: String,
+    },
     /// The request makes no sense: options that exclude one another, a level that is not there.
     #[error("{}", printable(.what))]
     Usage {
         /// What is wrong with it and what to do.
         what: String,
     },
-    /// The user asked to stop (Ctrl-C); no output of the name is there, at most a work folder to be resumed.
-    #[error("interrupted; no output was written")]
+    /// The user asked to stop.
+    #[error("interrupted")]
     Interrupted,
 }
 
@@ -102,6 +140,16 @@ impl Error {
         Self::Usage { what: what.into() }
     }
 
+    /// An [`Error::OutOfMemory`] without a path.
+    pub fn out_of_memory(what: impl Into<String>, bytes: u64) -> Self {
+        Self::OutOfMemory { path: PathBuf::new(), what: what.into(), bytes }
+    }
+
+    /// An [`Error::Internal`].
+    pub fn internal(what: impl Into<String>) -> Self {
+        Self::Internal { what: what.into() }
+    }
+
     /// The message without the file.
     pub fn reason(&self) -> String {
         match self {
@@ -109,7 +157,9 @@ impl Error {
             Self::Format { place, expected, got, .. } => format!("{place}: expected {expected}, got {got}"),
             Self::Unsupported { what, hint, .. } => format!("{what}: {hint}"),
             Self::Limit { what, got, max, .. } => format!("{what} is {got}, more than the limit of {max}"),
-            Self::Usage { .. } | Self::Interrupted => self.to_string(),
+            Self::OutOfMemory { what, bytes, .. } => format!("not enough memory for {what} ({bytes} bytes)"),
+            Self::Changed { how, .. } => how.clone(),
+            _ => self.to_string(),
         }
     }
 
@@ -120,12 +170,14 @@ impl Error {
             Self::Io { path, .. }
             | Self::Format { path, .. }
             | Self::Unsupported { path, .. }
-            | Self::Limit { path, .. } => {
+            | Self::Limit { path, .. }
+            | Self::OutOfMemory { path, .. }
+            | Self::Changed { path, .. } => {
                 if path.as_os_str().is_empty() {
                     file.clone_into(path);
                 }
             }
-            Self::Usage { .. } | Self::Interrupted => {}
+            _ => {}
         }
         self
     }

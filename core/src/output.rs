@@ -213,7 +213,7 @@ pub fn dangling(path: &Path) -> Error {
 }
 
 fn exists(path: &Path) -> Error {
-    Error::usage(format!("{}: exists already; use --force to replace it", path.display()))
+    Error::Exists { path: path.to_owned() }
 }
 
 /// Removes what programs that were killed have left beside an output: files that nobody holds locked.

@@ -14,7 +14,7 @@ use crate::cli::warnings::{refuse, say, told};
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Imagery")]
 pub struct Imagery {
-    /// Pictures to lay over the heights, of which the last lies on top: TIFF files (any rasters of GDAL's if built with --features gdal)
+    /// Pictures to lay over the heights, of which the last lies on top: TIFF, PNG, JPEG and WebP files (any rasters of GDAL's if built with --features gdal)
     #[arg(long = "imagery", id = "imagery", value_name = "FILE", num_args = 1..)]
     pub files: Vec<PathBuf>,
     /// Texels along the side of an imagery tile: a multiple of 4, 64 to 4096

@@ -13,6 +13,7 @@ mod info;
 mod inputs;
 mod json;
 mod merge;
+mod options;
 mod origins;
 mod place;
 mod progress;
@@ -90,8 +91,9 @@ impl Failure {
     /// What to tell the user.
     pub fn message(self) -> String {
         match self {
-            Self::Relevo(error) => error.to_string(),
+            Self::Relevo(error) => options::named(&error.to_string()),
             Self::Resumable(error, folder) => {
+                let error = options::named(&error.to_string());
                 format!("{error}; what is done is kept in {}: --resume goes on from there", shown(&folder))
             }
             Self::Stdout(error) => format!("standard output: {error}"),

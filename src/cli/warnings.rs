@@ -1,26 +1,13 @@
 //! What the library warns of, on stderr, with the options that help.
 
 use relevo::Error;
-use relevo::source::advice;
 use relevo::text::printable;
 
-use crate::cli::voice;
+use crate::cli::{options, voice};
 
-/// How the words of the library read on a command line.
-const OPTIONS: [(&str, &str); 5] = [
-    (advice::NODATA, "give --nodata"),
-    (advice::BAND, "choose another by --band N"),
-    (advice::UNIT, "give --vertical-unit"),
-    (advice::DEPTH, "give --depth"),
-    (advice::CRS, "warp to a system in which they are near by --crs"),
-];
-
-/// The same with options by name.
+/// Warnings of the library with the names of options.
 pub fn told(warnings: &[String]) -> Vec<String> {
-    let named = |warning: &String| {
-        OPTIONS.iter().fold(warning.clone(), |text, (words, option)| text.replace(words, option))
-    };
-    warnings.iter().map(named).collect()
+    warnings.iter().map(|warning| options::named(warning)).collect()
 }
 
 /// Says them on stderr.

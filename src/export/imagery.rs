@@ -105,10 +105,7 @@ pub fn imagery_part(
 
 fn layer_of(reader: &Reader) -> Result<&ImageryLayer> {
     reader.imagery().ok_or_else(|| {
-        Error::usage(format!(
-            "{} has no imagery; `relevo add --imagery` gives it some",
-            reader.path().display()
-        ))
+        Error::usage(format!("{} has no imagery; add a layer to it first", reader.path().display()))
     })
 }
 
@@ -116,7 +113,7 @@ fn layer_of(reader: &Reader) -> Result<&ImageryLayer> {
 fn level_area(reader: &Reader, imagery: &ImageryHeader, level: u8) -> Result<Area> {
     if level > imagery.leaf {
         return Err(Error::usage(format!(
-            "--level {level}: the imagery of this file has levels 0 (root) to {}",
+            "`level` {level}: the imagery of this file has levels 0 (root) to {}",
             imagery.leaf
         )));
     }
@@ -127,7 +124,7 @@ fn level_area(reader: &Reader, imagery: &ImageryHeader, level: u8) -> Result<Are
         let max = u64::from(u32::MAX / 4);
         let texels = u64::try_from(texels).unwrap_or(u64::MAX);
         if texels > max {
-            return Err(Error::limit(format!("{name} (choose a coarser --level)"), texels, max));
+            return Err(Error::limit(format!("{name} (choose a coarser `level`)"), texels, max));
         }
         Ok(texels as u32)
     };
@@ -163,7 +160,7 @@ fn write_geotiff(
     spec.tile = Some(BLOCK);
     let row = u64::from(area.columns) * u64::from(layer.header().tile) * u64::from(spec.bands);
     if row > MAX_ROW_BYTES {
-        let what = "bytes of a row of imagery tiles (choose a coarser --level, or a --tile)";
+        let what = "bytes of a row of imagery tiles (choose a coarser `level`, or a `tile`)";
         return Err(Error::limit(what, row, MAX_ROW_BYTES));
     }
     let bytes = of_row(layer.header(), area).saturating_add(GeotiffWriter::memory(&spec));
@@ -176,7 +173,7 @@ fn write_geotiff(
 fn write_picture(reader: &Reader, layer: &ImageryLayer, area: Area, output: &Path) -> Result<()> {
     for (what, side) in [("picture width", area.columns), ("picture height", area.rows)] {
         if side > MAX_PICTURE_SIDE {
-            let what = format!("{what} (choose a coarser --level, or a GeoTIFF)");
+            let what = format!("{what} (choose a coarser `level`, or a GeoTIFF)");
             return Err(Error::limit(what, side.into(), MAX_PICTURE_SIDE.into()));
         }
     }

@@ -57,7 +57,7 @@ impl Blocks {
         }
         if count(side) > MOST {
             let what = format!(
-                "blocks of {side} x {side} samples of a GeoTIFF of {columns} x {rows} (choose a coarser --level, or --tile)"
+                "blocks of {side} x {side} samples of a GeoTIFF of {columns} x {rows} (choose a coarser `level`, or a `tile`)"
             );
             return Err(Error::limit(format!("the number of {what}"), count(side), MOST));
         }
@@ -261,6 +261,6 @@ mod tests {
         assert_eq!(blocks(1 << 18, 1 << 18, 2).map(|blocks| blocks.side()).expect("fits"), 256);
         assert_eq!(blocks(1 << 24, 1 << 24, 2).map(|blocks| blocks.side()).expect("fits"), 8192);
         let message = blocks(1 << 26, 1 << 26, 2).err().expect("too many").to_string();
-        assert!(message.contains("--level") && message.contains("67108864"), "{message}");
+        assert!(message.contains("`level`") && message.contains("67108864"), "{message}");
     }
 }

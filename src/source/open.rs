@@ -282,7 +282,7 @@ fn open_joined(paths: &[PathBuf], options: &OpenOptions, limits: &Limits) -> Res
             let source = open_file(path, options.nodata, &nest)?;
             if source.info().overlap.is_some_and(|own| options.overlap != own) {
                 return Err(Error::usage(format!(
-                    "{}: a VRT says itself which file lies on top; for --overlap give the files one by one",
+                    "{}: a VRT says itself which file lies on top; for `overlap` give the files one by one",
                     path.display()
                 )));
             }
@@ -314,7 +314,7 @@ fn open_warped(
 #[cfg(not(feature = "gdal"))]
 fn open_warped(paths: &[PathBuf], _: &Warp, _: &OpenOptions, _: &Limits) -> Result<Box<dyn Source>> {
     let path = paths.first().cloned().unwrap_or_default();
-    Err(Error::unsupported("warping (--crs, --resolution, --resampling)", NEEDS_GDAL).at(&path))
+    Err(Error::unsupported("warping to another grid", NEEDS_GDAL).at(&path))
 }
 
 /// What to do where only GDAL can help.

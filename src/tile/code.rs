@@ -110,7 +110,7 @@ impl Recipe {
         }
         if step.is_nan() || step < wanted / 2.0 {
             return Err(Error::usage(format!(
-                "--precision {precision_m}: {} samples of heights up to {max_magnitude} cannot carry it; \
+                "`precision_m` {precision_m}: {} samples of heights up to {max_magnitude} cannot carry it; \
                  leave the option away (lossless) or ask for at least {:.1e}",
                 info.sample_type.gdal_name(),
                 4.0 * ulp * metres
@@ -118,7 +118,7 @@ impl Recipe {
         }
         if max_magnitude / step >= f64::from(i32::MAX) {
             return Err(Error::usage(format!(
-                "--precision {precision_m} needs more than 32 bits for heights up to {max_magnitude}; ask for at least {:.1e}",
+                "`precision_m` {precision_m} needs more than 32 bits for heights up to {max_magnitude}; ask for at least {:.1e}",
                 max_magnitude * metres / f64::from(1 << 30)
             )));
         }

@@ -171,6 +171,89 @@ fn jpeg_is_close_to_libjpeg() {
     }
 }
 
+/// PNG, WebP and JPEG: the pixels that GDAL reads, where the sidecar or a world file says.
+#[test]
+fn encoded_pictures_are_what_gdal_reads() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/imagery/rmnp_rgb.tif");
+    let folder = tempfile::tempdir().expect("folder");
+    let rgb = ["-b", "1", "-b", "2", "-b", "3"];
+    let wide = ["-ot", "UInt16", "-scale", "0", "255", "0", "65535"];
+    let variants: [(&str, Vec<&str>); 8] = [
+        ("png", rgb.to_vec()),
+        ("png", vec!["-b", "2"]),
+        ("png", vec!["-b", "1", "-b", "2", "-b", "3", "-b", "2", "-colorinterp_4", "alpha"]),
+        ("png", vec!["-b", "1", "-b", "2", "-colorinterp_2", "alpha"]),
+        ("png", [&rgb[..], &wide].concat()),
+        ("webp", [&rgb[..], &["-co", "LOSSLESS=YES"]].concat()),
+        ("jpg", [&rgb[..], &["-co", "QUALITY=90"]].concat()),
+        ("jpg", vec!["-b", "3", "-co", "QUALITY=90"]),
+    ];
+    for (extension, words) in variants {
+        let path = folder.path().join(format!("picture.{extension}"));
+        let words: Vec<&str> = ["-a_nodata", "none", "-mask", "none"].into_iter().chain(words).collect();
+        if !run("gdal_translate", &words, &source, &path) {
+            return;
+        }
+        let options = PictureOptions { stretch: Some(Stretch::Range(0.0, 65535.0)), ..Default::default() };
+        let is_wide = words.contains(&"UInt16");
+        let options = if is_wide { options } else { PictureOptions::default() };
+        let (picture, pixels) = read(&path, &options);
+        let transform = picture.info().geo.transform.expect("the sidecar's place");
+        let mut own = pixels.colour;
+        if let Some(alpha) = pixels.alpha {
+            let channels = picture.info().kind.channels();
+            let with = |(colour, &alpha): (&[u8], &u8)| [colour, &[alpha]].concat();
+            own = own.chunks_exact(channels).zip(&alpha).flat_map(with).collect();
+        }
+        let mut expected = gdal(&path, &[]);
+        if is_wide {
+            let samples = expected.chunks_exact(2).map(|b| f64::from(u16::from_le_bytes([b[0], b[1]])));
+            expected = samples.map(|sample| (sample / 257.0).round() as u8).collect();
+        }
+        let (most, mean) = (largest_difference(&own, &expected), mean_difference(&own, &expected));
+        let is_close = if extension == "jpg" { mean < 0.6 && most < 30 } else { most == 0 };
+        assert!(is_close, "{words:?}: {most} {mean}");
+        assert!(picture.info().note.description.to_lowercase().contains(&extension[..2]));
+        // Without the sidecar a world file is enough, whose letters are those of the extension.
+        fs::remove_file(folder.path().join(format!("picture.{extension}.aux.xml"))).expect("sidecar");
+        assert!(open_with(&path, &options).is_err(), "nowhere");
+        let letters = extension.as_bytes();
+        let world = format!("{}{}w", letters[0] as char, letters[letters.len() - 1] as char);
+        let [west, dx, _, north, _, dy] = transform;
+        let text = format!("{dx}\n0\n0\n{dy}\n{}\n{}\n", west + dx / 2.0, north + dy / 2.0);
+        let world = path.with_extension(world);
+        fs::write(&world, text).expect("world file");
+        let again = open_with(&path, &options).expect("placed").info().geo.transform.expect("place");
+        assert!(again.iter().zip(transform).all(|(a, b)| (a - b).abs() < 1e-9), "{again:?} {transform:?}");
+        fs::remove_file(&path).expect("done");
+        fs::remove_file(&world).expect("done");
+    }
+}
+
+#[test]
+fn encoded_pictures_that_are_damaged_are_refused() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/imagery/rmnp_rgb.tif");
+    let folder = tempfile::tempdir().expect("folder");
+    for (extension, least) in [("png", 60), ("webp", 60), ("jpg", 700)] {
+        let path = folder.path().join(format!("picture.{extension}"));
+        let words =
+            ["-a_nodata", "none", "-mask", "none", "-b", "1", "-b", "2", "-b", "3", "-outsize", "60", "50"];
+        if !run("gdal_translate", &words, &source, &path) {
+            return;
+        }
+        let whole = fs::read(&path).expect("bytes");
+        for end in (0..least).chain((least..whole.len() / 2).step_by(97)) {
+            fs::write(&path, &whole[..end]).expect("cut");
+            let read = open_with(&path, &PictureOptions::default()).and_then(|picture| {
+                let info = picture.info().clone();
+                picture.read_window(0..info.width, 0..info.height)
+            });
+            let message = read.err().unwrap_or_else(|| panic!("{extension} cut at {end}")).to_string();
+            assert!(message.contains("picture."), "{message}");
+        }
+    }
+}
+
 #[test]
 fn the_world_in_ycbcr() {
     let Some(source) = shared("bmng_world_5400x2700_geo.tif") else { return };
@@ -354,7 +437,7 @@ fn what_cannot_be_read_says_why() {
         assert!(refused.contains("EPSG:3857") && refused.contains("EPSG:4326"), "{refused}");
         assert!(refused.contains("sfbay_landsat7") && refused.contains("--features gdal"), "{refused}");
         let jpeg = shared("bmng_world_5400x2700.jpg").expect("there like the other");
-        assert!(message(&jpeg).contains("a JPEG picture"));
+        assert!(message(&jpeg).contains("does not say where it lies"));
     }
     // Damage is an error, whatever it is.
     let mut bytes =

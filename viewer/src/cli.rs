@@ -327,7 +327,7 @@ pub fn main() -> ExitCode {
         }
         Err(error) => {
             // Bold red, as clap writes `error:`.
-            say("\x1b[1m\x1b[31m", &error.to_string());
+            say("\x1b[1m\x1b[31m", &error.to_string().replace("`force`", "--force"));
             ExitCode::from(2)
         }
     }

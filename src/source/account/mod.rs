@@ -108,11 +108,11 @@ pub(in crate::source) struct Band {
 }
 
 impl Account {
-    /// What the tags of a TIFF and the files beside it say.
+    /// What the tags of a raster, if it has any, and the files beside it say.
     ///
     /// # Errors
     /// [`Error::Unsupported`] for a coordinate system that is not understood, and for a place that only GDAL reads.
-    pub(in crate::source) fn of_tiff(raster: &Path, tags: Tags, limits: &Limits) -> Result<Self> {
+    pub(in crate::source) fn gathered(raster: &Path, tags: Tags, limits: &Limits) -> Result<Self> {
         let raster = &sidecar::unpacked(raster);
         let mut account = Self::beside(raster, limits);
         account.name = file_name(raster);

@@ -111,12 +111,12 @@ impl Horizontal {
     pub(super) fn of_user(text: &str) -> Result<Self> {
         let spatial = SpatialRef::from_definition(text).map_err(|error| {
             Error::usage(format!(
-                "--crs {text}: GDAL knows no such coordinate system ({error}); give EPSG:32633 or WKT"
+                "`crs` {text}: GDAL knows no such coordinate system ({error}); give EPSG:32633 or WKT"
             ))
         })?;
         if !spatial.is_projected() && !spatial.is_geographic() {
             return Err(Error::usage(format!(
-                "--crs {text}: expected a projected or a geographic coordinate system"
+                "`crs` {text}: expected a projected or a geographic coordinate system"
             )));
         }
         Ok(Self::of(&spatial))

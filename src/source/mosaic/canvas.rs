@@ -276,7 +276,7 @@ fn hide<S: Number>(samples: &[S], nodata: Nodata, valid: &mut [u8]) {
 fn filled<E: Clone>(element: E, count: usize) -> Result<Vec<E>> {
     let mut all = Vec::new();
     all.try_reserve_exact(count)
-        .map_err(|_| Error::usage(format!("not enough memory for a window of {count} samples")))?;
+        .map_err(|_| Error::out_of_memory("a window of samples", (count * size_of::<E>()) as u64))?;
     all.resize(count, element);
     Ok(all)
 }

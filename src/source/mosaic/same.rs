@@ -18,7 +18,7 @@ pub(crate) fn same_crs(a: (&Path, &SourceInfo), b: (&Path, &SourceInfo)) -> Resu
         return Ok(());
     }
     Err(Error::usage(format!(
-        "{}: its coordinate system is {}, that of {} is {}; give --crs to bring both into one (in a build with \
+        "{}: its coordinate system is {}, that of {} is {}; give `crs` to bring both into one (in a build with \
          --features gdal), or gdal_edit.py -a_srs if a file is wrong about itself",
         b.0.display(),
         crs_name(other),
@@ -38,7 +38,7 @@ pub(crate) fn same_unit(a: (&Path, &SourceInfo), b: (&Path, &SourceInfo)) -> Res
         name => format!("{name} ({} m)", unit.0),
     };
     Err(Error::usage(format!(
-        "{}: its heights are in {}, those of {} in {}; give --vertical-unit if all are in one unit, or convert one",
+        "{}: its heights are in {}, those of {} in {}; give `vertical_unit` if all are in one unit, or convert one",
         b.0.display(),
         unit(other),
         a.0.display(),

@@ -9,6 +9,7 @@ mod blocks;
 mod cache;
 mod convert;
 mod crs;
+mod encoded;
 #[cfg(feature = "gdal")]
 mod gdal;
 mod stretch;
@@ -133,7 +134,7 @@ pub struct PictureOptions {
 
 /// Opens pictures that lie in the coordinate system `crs`.
 ///
-/// A TIFF is read natively, anything else by GDAL if that is built in, which also brings pictures of other coordinate systems into this
+/// A TIFF, PNG, JPEG or WebP is read natively, anything else by GDAL if that is built in, which also brings pictures of other coordinate systems into this
 /// one. Values are stretched by the same rule in all pictures of one sample type, so that they stay one mosaic.
 pub fn open_all(
     paths: &[PathBuf],
@@ -163,7 +164,11 @@ fn open(
     limits: &Limits,
     cache: &Arc<Cache>,
 ) -> Result<BlockPicture> {
-    let native = tiff::open(path, options, limits).and_then(|parts| place(parts, crs));
+    let native = encoded::format(path).and_then(|format| match format {
+        Some(format) => encoded::open(path, format, options, limits),
+        None => tiff::open(path, options, limits),
+    });
+    let native = native.and_then(|parts| place(parts, crs));
     #[cfg(feature = "gdal")]
     let native = native.or_else(|error| {
         crate::source::open::or_by_gdal(path, error, || gdal::open(path, options, crs, limits))

@@ -63,7 +63,7 @@ pub(super) fn settle(pictures: &mut [BlockPicture], wanted: Option<Stretch>, lim
             (Stretch::None, SampleType::Uint16) => vec![(0.0, 65535.0); bands],
             (Stretch::None, _) => {
                 let what = format!("{} samples as they are in a picture", kind.gdal_name());
-                return Err(Error::unsupported(what, "say how they become 8 bits: --imagery-stretch"));
+                return Err(Error::unsupported(what, "say by `stretch` how they become 8 bits"));
             }
             (Stretch::Range(low, high), _) => vec![(low, high); bands],
             (rule, _) => {

@@ -33,9 +33,7 @@ impl Buffers {
 /// Makes a buffer that is overwritten as long as asked for; what it had is not cleared.
 pub(super) fn resize(buffer: &mut Vec<u8>, length: usize) -> Result<()> {
     let more = length.saturating_sub(buffer.len());
-    buffer
-        .try_reserve_exact(more)
-        .map_err(|_| Error::usage(format!("not enough memory for {length} bytes of a block")))?;
+    buffer.try_reserve_exact(more).map_err(|_| Error::out_of_memory("a block", length as u64))?;
     buffer.resize(length, 0);
     Ok(())
 }

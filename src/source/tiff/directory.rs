@@ -290,7 +290,7 @@ impl<'a> Reader<'a> {
         })?;
         let mut values = Vec::new();
         let room = values.try_reserve_exact(bytes as usize);
-        room.map_err(|_| Error::usage(format!("not enough memory for {bytes} bytes of {}", place(tag))))?;
+        room.map_err(|_| Error::out_of_memory(place(tag), bytes))?;
         values.resize(bytes as usize, 0);
         self.file.read(&mut values, at, &|| place(tag))?;
         Ok(Some(Raw { kind, bytes: values }))

@@ -23,7 +23,7 @@ pub(super) fn decode(
     let (tables, is_ycbcr) = (&layout.jpeg.0, layout.jpeg.1);
     let bands = layout.bands as usize;
     let stream = join(tables, packed);
-    check(&stream, bands, name)?;
+    check(&stream, Some(bands), name)?;
     let options = DecoderOptions::new_fast()
         .set_max_width(usize::from(u16::MAX))
         .set_max_height(usize::from(u16::MAX))
@@ -60,9 +60,10 @@ fn join(tables: &[u8], packed: &[u8]) -> Vec<u8> {
     [&[0xFF, 0xD8], shared, image].concat()
 }
 
-/// Looks at the segments up to the first scan: as many components in it as in the frame, 8 bits each.
-fn check(stream: &[u8], bands: usize, name: &dyn Fn() -> String) -> Result<()> {
-    let mut rest = &stream[2..];
+/// Looks at the segments up to the first scan: as many components in it as in the frame, `bands` if that is
+/// known, 8 bits each.
+pub(in crate::source) fn check(stream: &[u8], bands: Option<usize>, name: &dyn Fn() -> String) -> Result<()> {
+    let mut rest = stream.get(2..).unwrap_or_default();
     let mut frame = None;
     while let [0xFF, marker, tail @ ..] = rest {
         if *marker == 0xFF {
@@ -87,8 +88,8 @@ fn check(stream: &[u8], bands: usize, name: &dyn Fn() -> String) -> Result<()> {
                 if several {
                     return Err(refused("JPEG in several scans".to_owned()));
                 }
-                return match frame {
-                    Some((_, count)) if count != bands => {
+                return match (frame, bands) {
+                    (Some((_, count)), Some(bands)) if count != bands => {
                         Err(Error::format(name(), format!("{bands} components"), count))
                     }
                     _ => Ok(()),

@@ -11,7 +11,7 @@ mod direct;
 mod directory;
 mod file;
 mod georeference;
-mod jpeg;
+pub(in crate::source) mod jpeg;
 mod layout;
 mod parts;
 pub(in crate::source) mod raster;
@@ -237,7 +237,7 @@ fn describe(
     (file, limits): (&TiffFile, &Limits),
 ) -> Result<(SourceInfo, Account)> {
     let path = file.path();
-    let account = Account::of_tiff(path, georeference::read(reader, image)?, limits)?;
+    let account = Account::gathered(path, georeference::read(reader, image)?, limits)?;
     let band = account.band(layout.band + 1)?;
     metadata::check_scale(band.scale, band.offset)?;
     let name = if reader.big { "GeoTIFF (big)" } else { "GeoTIFF" };

@@ -50,7 +50,8 @@ pub(super) fn room<T: Number>(samples: &mut Vec<T>, columns: &Range<u32>, rows: 
     }
     *samples = Vec::new();
     *samples = T::new_vec_zeroed(count).map_err(|_| {
-        Error::usage(format!("not enough memory for {} rows of {} samples", rows.len(), columns.len()))
+        let bytes = (count as u64).saturating_mul(size_of::<T>() as u64);
+        Error::out_of_memory(format!("{} rows of {} samples", rows.len(), columns.len()), bytes)
     })?;
     Ok(())
 }

@@ -55,7 +55,7 @@ impl Raster {
             photometric: reader.integer(image, Tag::PhotometricInterpretation)?.unwrap_or(1),
             extra: reader.integers(image, Tag::ExtraSamples)?.unwrap_or_default(),
             palette: reader.integers(image, Tag::ColorMap)?,
-            account: Account::of_tiff(path, georeference::read(&mut reader, image)?, limits)?,
+            account: Account::gathered(path, georeference::read(&mut reader, image)?, limits)?,
             description: format!("{name}, {}{packed}", layout.describe()),
         };
         let mask = match internal_mask(&mut reader, &directories, (&layout, 0), limits)? {

@@ -1,0 +1,32 @@
+//! The words of the library for what can be asked of it, as options of the command line.
+
+use relevo::source::advice;
+
+/// Advice, and fields of the library's options in backquotes, beside the options that are these here.
+const NAMES: [(&str, &str); 20] = [
+    (advice::NODATA, "give --nodata"),
+    (advice::BAND, "choose another by --band N"),
+    (advice::UNIT, "give --vertical-unit"),
+    (advice::DEPTH, "give --depth"),
+    (advice::CRS, "warp to a system in which they are near by --crs"),
+    ("`crs`", "--crs"),
+    ("`deep`", "--deep"),
+    ("`force`", "--force"),
+    ("`level`", "--level"),
+    ("`memory`", "--memory"),
+    ("`metric`", "--metric"),
+    ("`nodata`", "--nodata"),
+    ("`overlap`", "--overlap"),
+    ("`patch`", "--patch"),
+    ("`precision_m`", "--precision"),
+    ("`resume`", "--resume"),
+    ("`stretch`", "--imagery-stretch"),
+    ("`tile`", "--tile"),
+    ("`vertical_unit`", "--vertical-unit"),
+    ("`window`", "--window"),
+];
+
+/// A text of the library with the names of options.
+pub fn named(text: &str) -> String {
+    NAMES.iter().fold(text.to_owned(), |text, (words, option)| text.replace(words, option))
+}
