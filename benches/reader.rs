@@ -1,4 +1,5 @@
-//! Reading a file: opening it, a leaf out of nothing, every leaf in storage order by one thread and by several.
+//! Reading a file: opening it, a leaf out of nothing, every leaf in storage order by one thread and by several; by position and
+//! through a map.
 
 #![expect(clippy::expect_used, reason = "a benchmark that cannot go on says why")]
 
@@ -9,13 +10,14 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use criterion::{
     BatchSize, BenchmarkGroup, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main,
 };
-use relevo::container::Reader;
+use relevo::container::{Reader, ReaderOptions};
 use relevo::geo::Geo;
 use relevo::limits::Limits;
 use relevo::pipeline::{self, BuildOptions, Silent};
 use relevo::sample::{Lattice, SampleType};
 use relevo::source::{self, Fingerprint, Samples, Source, SourceInfo, Window};
 use relevo::{Result, TileId};
+use relevo_core::Map;
 
 /// Side of the rasters that are made here: 8 x 8 leaves.
 const SIDE: u32 = 2049;
@@ -84,9 +86,18 @@ fn build(folder: &Path, name: &str, source: &dyn Source) -> PathBuf {
     output
 }
 
+/// Opens a file to be read by position, or through a map.
+fn open(path: &Path, is_mapped: bool) -> Reader {
+    if is_mapped {
+        let map = Map::open(path).expect("map");
+        return Reader::new(map, path, ReaderOptions::default()).expect("open");
+    }
+    Reader::open(path).expect("open")
+}
+
 /// Reads every leaf once, some at a time to a thread.
-fn every_leaf(path: &Path, leaves: &[TileId], threads: usize) {
-    let reader = Reader::open(path).expect("open");
+fn every_leaf((path, is_mapped): (&Path, bool), leaves: &[TileId], threads: usize) {
+    let reader = open(path, is_mapped);
     let next = AtomicUsize::new(0);
     let work = || {
         let mut tile = Lattice::default();
@@ -97,15 +108,15 @@ fn every_leaf(path: &Path, leaves: &[TileId], threads: usize) {
     std::thread::scope(|scope| (0..threads).for_each(|_| drop(scope.spawn(work))));
 }
 
-fn reading(group: &mut BenchmarkGroup<'_, criterion::measurement::WallTime>, path: &Path) {
-    let reader = Reader::open(path).expect("open");
+fn reading(group: &mut BenchmarkGroup<'_, criterion::measurement::WallTime>, path: &Path, is_mapped: bool) {
+    let reader = open(path, is_mapped);
     let leaves = reader.leaves().expect("leaves");
-    group.bench_function("open", |bencher| bencher.iter(|| Reader::open(path).expect("open")));
+    group.bench_function("open", |bencher| bencher.iter(|| open(path, is_mapped)));
     let mut turn = 0;
     group.bench_function("cold leaf", |bencher| {
         let fresh = || {
             turn = (turn + 29) % leaves.len();
-            (Reader::open(path).expect("open"), leaves[turn])
+            (open(path, is_mapped), leaves[turn])
         };
         bencher.iter_batched(
             fresh,
@@ -118,7 +129,7 @@ fn reading(group: &mut BenchmarkGroup<'_, criterion::measurement::WallTime>, pat
     let all = std::thread::available_parallelism().map_or(1, usize::from);
     for threads in if all > 1 { vec![1, all] } else { vec![1] } {
         group.bench_function(BenchmarkId::new("every leaf, threads", threads), |bencher| {
-            bencher.iter(|| every_leaf(path, &leaves, threads));
+            bencher.iter(|| every_leaf((path, is_mapped), &leaves, threads));
         });
     }
 }
@@ -134,7 +145,8 @@ fn reader(criterion: &mut Criterion) {
     ];
     for (name, source) in sources {
         let path = build(folder.path(), name, source);
-        reading(&mut criterion.benchmark_group(name), &path);
+        reading(&mut criterion.benchmark_group(name), &path, false);
+        reading(&mut criterion.benchmark_group(format!("{name}, mapped")), &path, true);
     }
 }
 

@@ -385,7 +385,7 @@ mod through_gdal {
         let folder = tempfile::tempdir().expect("folder");
         let paths = neighbours(folder.path());
         let message = error(&paths, &OpenOptions::default());
-        assert!(message.contains("east.tif") && message.contains("--crs"), "{message}");
+        assert!(message.contains("east.tif") && message.contains("`crs`"), "{message}");
         for (method, step) in
             [(Resampling::Near, 0.003), (Resampling::Bilinear, 0.001), (Resampling::Cubic, 0.001)]
         {
@@ -421,7 +421,7 @@ mod through_gdal {
         let paths = [metres, feet];
         let to = options(Some("EPSG:32613"), None, Resampling::Bilinear);
         let message = error(&paths, &to);
-        assert!(message.contains("feet.tif") && message.contains("--vertical-unit"), "{message}");
+        assert!(message.contains("feet.tif") && message.contains("`vertical_unit`"), "{message}");
         let stated = OpenOptions { vertical_unit: Some((0.3048, "ft".to_owned())), ..to };
         let source = source::open_all(&paths, &stated, &Limits::default()).expect("one source");
         assert_eq!(source.info().vertical_unit, (0.3048, "ft".to_owned()));
@@ -439,7 +439,7 @@ mod through_gdal {
         let to = |crs: &str| options(Some(crs), None, Resampling::Bilinear);
 
         let message = error(&one(&dem), &to("EPSG:99999999"));
-        assert!(message.contains("--crs EPSG:99999999"), "{message}");
+        assert!(message.contains("`crs` EPSG:99999999"), "{message}");
         let message = error(&one(&dem), &to("EPSG:5703"));
         assert!(message.contains("projected or a geographic"), "{message}");
         translate("-co PROFILE=BASELINE", &dem, &path);

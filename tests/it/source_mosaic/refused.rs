@@ -25,11 +25,11 @@ fn what_cannot_be_right_is_refused_by_file_name() {
     join(&paths, Overlap::Last);
     let second = || flat((10, 0));
     Tile { unit: "ft", ..second() }.write(&paths[1]);
-    expect(&refusal(&paths), &["second.tif", "first.tif", "ft (0.3048 m)", "metres", "--vertical-unit"]);
+    expect(&refusal(&paths), &["second.tif", "first.tif", "ft (0.3048 m)", "metres", "`vertical_unit`"]);
     Tile { epsg: Some(32633), ..second() }.write(&paths[1]);
     expect(
         &refusal(&paths),
-        &["second.tif", "first.tif", "EPSG:32633", "EPSG:32632", "--crs", "--features gdal"],
+        &["second.tif", "first.tif", "EPSG:32633", "EPSG:32632", "`crs`", "--features gdal"],
     );
     Tile { epsg: None, ..second() }.write(&paths[1]);
     expect(&refusal(&paths), &["second.tif", "not given", "EPSG:32632", "-a_srs"]);
