@@ -7,6 +7,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use relevo::container::Reader;
+use relevo::verify::{VerifyOptions, verify};
 use sha2::{Digest, Sha256};
 
 /// Name, and the first 16 digits of the SHA-256 of heights and of errors.
@@ -19,6 +20,14 @@ const VERSION_1: [(&str, &str, &str); 7] = [
     ("rmnp_dem_uint16", "2d176d1a90aa00bd", "4639887c71d7dc3f"),
     // Its predictions wrap below the range of i32 where tiles say that they are narrow.
     ("uint32_voids", "bc981652013820c2", "cff6bc6ad328afab"),
+];
+
+/// The same of version 2, made by the program of the day before the crates were parted, and of imagery the texels. The
+/// digests are of the day after; heights of the last two are those of `rmnp_dem_uint16` above.
+const VERSION_2: [(&str, &str, &str, &str); 3] = [
+    ("int16_voids", "ef31fe9075647a8d", "38a701cfa2099e06", "e3b0c44298fc1c14"),
+    ("uint16_imagery", "2d176d1a90aa00bd", "3f90cf2f6498f74d", "19ee3145cd150842"),
+    ("uint16_bc7", "2d176d1a90aa00bd", "3f90cf2f6498f74d", "2fdb987047d343b6"),
 ];
 
 fn golden(version: u16, name: &str) -> PathBuf {
@@ -59,4 +68,52 @@ fn files_of_version_1_are_read_as_before() {
         assert_eq!(reader.header().version, 1, "{name}");
         assert_eq!(digests(&reader), (heights.to_owned(), errors.to_owned()), "{name}");
     }
+}
+
+/// Digest of all imagery tiles, coarse ones first.
+fn imagery(reader: &Reader) -> String {
+    let mut texels = Sha256::new();
+    let Some(layer) = reader.imagery() else { return digits(texels) };
+    for level in 0..=layer.header().leaf {
+        for id in layer.tiles(level).expect("tiles") {
+            let tile = layer.read_tile(id).expect("texels");
+            texels.update(&tile.colour);
+            texels.update(tile.alpha.unwrap_or_default());
+        }
+    }
+    digits(texels)
+}
+
+#[test]
+fn files_of_version_2_are_read_as_before() {
+    let read = VERSION_2.map(|(name, ..)| {
+        let reader = Reader::open(golden(2, name)).expect("open");
+        assert_eq!(reader.header().version, 2, "{name}");
+        let (heights, errors) = digests(&reader);
+        (name, heights, errors, imagery(&reader))
+    });
+    let own = |text: &str| text.to_owned();
+    let expected =
+        VERSION_2.map(|(name, heights, errors, texels)| (name, own(heights), own(errors), own(texels)));
+    assert_eq!(read, expected);
+}
+
+/// Files with something wrong each: the reader says what, or, where only a chunk is damaged, the check finds it.
+#[test]
+fn corrupt_files_are_refused_by_name() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/corrupt");
+    let mut count = 0;
+    for entry in std::fs::read_dir(folder).expect("fixtures/corrupt") {
+        let path = entry.expect("entry").path();
+        let name = path.file_name().expect("name").to_string_lossy().into_owned();
+        count += 1;
+        match Reader::open(&path) {
+            Err(error) => assert!(error.to_string().contains(&name), "{name}: {error}"),
+            Ok(reader) => {
+                let report = verify(&reader, None, &VerifyOptions::default(), &mut |_| true);
+                assert!(!report.expect("a report").is_good(), "{name} is good");
+            }
+        }
+    }
+    assert!(count >= 14, "{count} files");
 }
