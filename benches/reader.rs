@@ -1,5 +1,5 @@
-//! Reading a file: opening it, a leaf out of nothing, every leaf in storage order by one thread and by several; by position and
-//! through a map.
+//! Reading a file: opening it, a leaf out of nothing, every leaf in storage order by one thread and
+//! by several; by position and through a map.
 
 #![expect(clippy::expect_used, reason = "a benchmark that cannot go on says why")]
 

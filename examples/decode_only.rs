@@ -1,8 +1,10 @@
-//! Reads all samples of a raster and does nothing with them: what no build from it can be faster than.
+//! Reads all samples of a raster and does nothing with them: what no build from it can be faster
+//! than.
 //!
 //! `cargo run --release --example decode_only -- DEM.tif [THREADS] [ROWS]`
 //!
-//! Goes from north to south in bands of ROWS rows (257), one row shared with the band before, as the builder does with tiles of
+//! Goes from north to south in bands of ROWS rows (257), one row shared with the band before, as
+//! the builder does with tiles of
 //! 256. Prints one line of JSON: seconds, samples a second.
 
 #![expect(clippy::print_stdout, reason = "its result")]

@@ -1,5 +1,5 @@
-//! Writes the seeds of the fuzz targets into `fuzz/corpus`: small files of every kind, taken apart as the targets want
-//! them. `cargo run --example fuzz_seeds`, then `fuzz/README.md`.
+//! Writes the seeds of the fuzz targets into `fuzz/corpus`: small files of every kind, taken apart
+//! as the targets want them. `cargo run --example fuzz_seeds`, then `fuzz/README.md`.
 
 #![expect(clippy::expect_used, reason = "a program for the makers of this crate")]
 

@@ -2,9 +2,10 @@
 //!
 //! `cargo run --release --example read_bench -- FILE.rlv [THREADS]...`
 //!
-//! Prints one line of JSON: milliseconds and resident memory of an opening, milliseconds of a leaf that a fresh reader decodes
-//! with all of its ancestors (median and worst of 64), and for each number of threads the samples of the raster a second
-//! when every leaf is read once in storage order. The system's page cache is as it is: read the file before to measure it warm.
+//! Prints one line of JSON: milliseconds and resident memory of an opening, milliseconds of a leaf
+//! that a fresh reader decodes with all of its ancestors (median and worst of 64), and for each
+//! number of threads the samples of the raster a second when every leaf is read once in storage
+//! order. The system's page cache is as it is: read the file before to measure it warm.
 
 #![expect(clippy::print_stdout, reason = "its result")]
 

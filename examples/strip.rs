@@ -1,9 +1,9 @@
-//! A survey of a pipeline (paper 001, section 6.3): overlapping square DEMs of 1 m along a winding diagonal, and the VRT that places them in
-//! a virtual raster.
+//! A survey of a pipeline (paper 001, section 6.3): overlapping square DEMs of 1 m along a winding
+//! diagonal, and the VRT that places them in a virtual raster.
 //!
-//! `cargo run --release --example strip -- FOLDER [--count 300] [--side 1000] [--raster 4194304] [--square]` writes `FOLDER/part-NNN.tif` and
-//! `FOLDER/strip.vrt`. With `--square` the same squares stand side by side, as near to one square as they can: the same samples, for
-//! comparison.
+//! `cargo run --release --example strip -- FOLDER [--count 300] [--side 1000] [--raster 4194304]
+//! [--square]` writes `FOLDER/part-NNN.tif` and `FOLDER/strip.vrt`. With `--square` the same
+//! squares stand side by side, as near to one square as they can: the same samples, for comparison.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -68,7 +68,8 @@ fn options() -> Result<Options, Box<dyn Error>> {
 }
 
 impl Options {
-    /// North-west sample of a square. Along the diagonal each overlaps the next by about a third, and the line swings to both sides.
+    /// North-west sample of a square. Along the diagonal each overlaps the next by about a third,
+    /// and the line swings to both sides.
     fn place(&self, i: u32) -> (u32, u32) {
         if self.square {
             let columns = f64::from(self.count).sqrt().ceil() as u32;

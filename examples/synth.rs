@@ -5,9 +5,10 @@
 //!                                        [--seed N] [--compress none|deflate|zstd] [--force]
 //! ```
 //!
-//! Samples stand 30 m apart in EPSG:32632. Every height is a function of its column, row and the seed alone, so that
-//! rows are made in parallel and written as they come: memory holds some of them, and the bytes do not depend on the
-//! number of threads. A larger raster with the same seed goes on where a smaller one ends.
+//! Samples stand 30 m apart in EPSG:32632. Every height is a function of its column, row and the
+//! seed alone, so that rows are made in parallel and written as they come: memory holds some of
+//! them, and the bytes do not depend on the number of threads. A larger raster with the same seed
+//! goes on where a smaller one ends.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -198,7 +199,8 @@ struct Terrain {
 /// Noises with wavelengths of kilometres at one place.
 #[derive(Clone, Copy)]
 struct Slow {
-    /// By how many kilometres the plane is bent, so that nothing follows the axes of the noise: valleys meander.
+    /// By how many kilometres the plane is bent, so that nothing follows the axes of the noise:
+    /// valleys meander.
     bend: [f64; 2],
     /// Plains below 0, mountains above.
     region: f32,
@@ -273,8 +275,9 @@ impl Terrain {
         if self.sea { (z - 270.0).max(0.0) } else { z }
     }
 
-    /// Mountains, about -0.3 to 0.6. Ridges give the main crests a direction; octaves that fade where those before them
-    /// are steep leave smooth slopes and rough crests and floors, as erosion does.
+    /// Mountains, about -0.3 to 0.6. Ridges give the main crests a direction; octaves that fade
+    /// where those before them are steep leave smooth slopes and rough crests and floors, as
+    /// erosion does.
     fn eroded(&self, x: f64, y: f64, mountain: f32) -> f32 {
         const TURN: (f64, f64) = (0.8 * 2.03, 0.6 * 2.03);
         let (mut px, mut py) = (x / 13.0, y / 13.0);
@@ -285,7 +288,8 @@ impl Terrain {
             let noise = self.noise(px, py, 10 + octave);
             slope_x += noise.slope_x;
             slope_y += noise.slope_y;
-            // The first octaves are ridged, folded at zero: crests, and valleys between them. Later ones fade on slopes.
+            // The first octaves are ridged, folded at zero: crests, and valleys between them. Later
+            // ones fade on slopes.
             sum += amplitude
                 * if octave < 3 {
                     0.42 - 1.3 * noise.value.abs()

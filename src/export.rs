@@ -1,10 +1,12 @@
 //! A level or a tile of a container back to a raster: GeoTIFF, or a picture.
 //!
-//! Tiles are read in rows from north to south. A GeoTIFF of a level that is too wide for that, or mostly void, is made of large blocks,
-//! of which those without samples are left out: it takes some 300 MiB and 80 bytes a block at most, of which there are 4 million. A
-//! picture is made in memory, of at most 16 384 x 16 384 samples. Within a limit of memory (`ReaderOptions::memory`) bands have fewer
-//! rows, blocks are made a few at a time, and what is still too much is refused before the file is begun. At the leaf level the samples are the source's own, bit for bit
-//! unless the file is quantised.
+//! Tiles are read in rows from north to south. A GeoTIFF of a level that is too wide for that, or
+//! mostly void, is made of large blocks, of which those without samples are left out: it takes some
+//! 300 MiB and 80 bytes a block at most, of which there are 4 million. A picture is made in memory,
+//! of at most 16 384 x 16 384 samples. Within a limit of memory (`ReaderOptions::memory`) bands
+//! have fewer rows, blocks are made a few at a time, and what is still too much is refused before
+//! the file is begun. At the leaf level the samples are the source's own, bit for bit unless the
+//! file is quantised.
 
 mod imagery;
 mod memory;
@@ -55,7 +57,8 @@ pub struct GeotiffOptions {
 pub fn level_geo(geo: &Geo, header: &Header, level: u8) -> Geo {
     let step = f64::from(header.spacing(level));
     let transform = geo.transform.map(|[x0, a, b, y0, d, e]| {
-        // Pixel (0, 0) of the level is centred on sample (0, 0), which stands half a source pixel in.
+        // Pixel (0, 0) of the level is centred on sample (0, 0), which stands half a source pixel
+        // in.
         let shift = 0.5 - 0.5 * step;
         [x0 + shift * (a + b), a * step, b * step, y0 + shift * (d + e), d * step, e * step]
     });
@@ -166,8 +169,8 @@ impl Void {
     }
 }
 
-/// What to write for voids: the source's value, or where it has none and the level has voids (a mask), NaN or the end of
-/// the type's range that the data does not reach, or a mask.
+/// What to write for voids: the source's value, or where it has none and the level has voids (a
+/// mask), NaN or the end of the type's range that the data does not reach, or a mask.
 fn void(reader: &Reader, level: u8) -> Result<Void> {
     let header = reader.header();
     let value = |value: f64| Void::Value(Nodata::new(Some(value), header.source_type));
@@ -221,7 +224,8 @@ fn integer_range(kind: SampleType) -> Option<(f64, f64)> {
 
 /// Values as samples of the source's type; quantised values are rounded into it.
 ///
-/// A quantised height that falls on a void one is moved to the next number, so that it does not become a void.
+/// A quantised height that falls on a void one is moved to the next number, so that it does not
+/// become a void.
 fn samples(values: &[Option<f64>], kind: SampleType, void: Void) -> Samples {
     let nodata = if let Void::Value(nodata) = void { nodata } else { Nodata::NONE };
     let hole = if let Void::Value(nodata) = void { nodata.sample(kind).unwrap_or(f64::NAN) } else { 0.0 };

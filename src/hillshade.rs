@@ -1,8 +1,9 @@
 //! Shaded relief: heights in, an RGBA picture out, as a pure function; and a PNG of it.
 //!
-//! Slopes are Horn's, light is that of `gdaldem hillshade`: [`Style::Grey`] gives its greys. [`Style::Relief`] is a
-//! quiet map: a hypsometric tint over the range of the heights, lit from several sides, blue below sea level.
-//! Voids are NaN and come out transparent; next to one (or to the border) the sample's own height stands in for it.
+//! Slopes are Horn's, light is that of `gdaldem hillshade`: [`Style::Grey`] gives its greys.
+//! [`Style::Relief`] is a quiet map: a hypsometric tint over the range of the heights, lit from
+//! several sides, blue below sea level. Voids are NaN and come out transparent; next to one (or to
+//! the border) the sample's own height stands in for it.
 
 use std::path::Path;
 
@@ -36,7 +37,8 @@ pub struct Options {
     pub exaggeration: f64,
     /// Look of the picture.
     pub style: Style,
-    /// Heights in metres at the two ends of the tint; `None` takes the 1st and 99th percentile of the picture.
+    /// Heights in metres at the two ends of the tint; `None` takes the 1st and 99th percentile of
+    /// the picture.
     pub tint_range: Option<(f32, f32)>,
 }
 
@@ -72,8 +74,8 @@ const SEA: [(f32, [f32; 3]); 4] = [
     (0.85, [179.0, 208.0, 222.0]),
     (1.00, [204.0, 225.0, 230.0]),
 ];
-/// Lights of the relief style: degrees from the main azimuth, and share. The sides keep slopes that face away from
-/// the main light from going flat.
+/// Lights of the relief style: degrees from the main azimuth, and share. The sides keep slopes that
+/// face away from the main light from going flat.
 const LIGHTS: [(f64, f32); 4] = [(0.0, 0.58), (-60.0, 0.18), (60.0, 0.18), (180.0, 0.06)];
 
 /// Shades `width * height` heights in metres, row by row from the north; NaN is void.
@@ -181,7 +183,8 @@ impl Shader {
     }
 }
 
-/// 1st and 99th percentile of the valid heights, from at most about 65 536 of them. A sea reaches down to its lowest.
+/// 1st and 99th percentile of the valid heights, from at most about 65 536 of them. A sea reaches
+/// down to its lowest.
 fn percentiles(heights: &[f32]) -> (f32, f32) {
     let step = (heights.len() >> 16).max(1);
     let mut sample: Vec<f32> = heights.iter().step_by(step).copied().filter(|z| z.is_finite()).collect();
@@ -203,7 +206,8 @@ fn ramp(stops: &[(f32, [f32; 3])], position: f32) -> [f32; 3] {
     colour
 }
 
-/// A tint under light, 1 on flat ground: shade goes towards a cool violet grey, light towards a warm white.
+/// A tint under light, 1 on flat ground: shade goes towards a cool violet grey, light towards a
+/// warm white.
 fn tone(tint: [f32; 3], light: f32) -> [u8; 3] {
     const SHADE: [f32; 3] = [62.0, 66.0, 92.0];
     const SUN: [f32; 3] = [255.0, 251.0, 240.0];

@@ -1,8 +1,9 @@
-//! Relevo: digital elevation models of any size as one streamable tile pyramid (`.rlv`), with a proven geometric error for
-//! every patch at every tessellation step.
+//! Relevo: digital elevation models of any size as one streamable tile pyramid (`.rlv`), with a
+//! proven geometric error for every patch at every tessellation step.
 //!
-//! The library reads DEMs, builds containers, and reads them back: the index, tiles (heights, voids, errors) and the surface they define.
-//! `format-spec.md` describes the bytes, `ARCHITECTURE.md` the code.
+//! The library reads DEMs, builds containers, and reads them back: the index, tiles (heights,
+//! voids, errors) and the surface they define. `format-spec.md` describes the bytes,
+//! `ARCHITECTURE.md` the code.
 //!
 //! ```
 //! use relevo::container::Reader;

@@ -1,19 +1,22 @@
-//! Checks a container: checksums, structure, invariants; on request every sample against its source, and every error
-//! by brute force.
+//! Checks a container: checksums, structure, invariants; on request every sample against its
+//! source, and every error by brute force.
 //!
-//! Nothing here prints and nothing is repaired: what is wrong becomes a [`Problem`] in a [`VerifyReport`]. An `Err` says that
-//! the check itself could not be made. What is recomputed is recomputed in ways of its own: the geometry in here shares
-//! no formula with `patch`, and metres are made by arithmetic of its own (`ground`).
+//! Nothing here prints and nothing is repaired: what is wrong becomes a [`Problem`] in a
+//! [`VerifyReport`]. An `Err` says that the check itself could not be made. What is recomputed is
+//! recomputed in ways of its own: the geometry in here shares no formula with `patch`, and metres
+//! are made by arithmetic of its own (`ground`).
 //!
 //! # What nobody can check
 //! A file that lies with care, about a thing that stands in it once, cannot be caught by itself:
-//! - With its source only: size, geotransform with bounds and WKT, band scale, offset and unit (told alike in header, index, statistics), the
-//!   samples, a tile left out that no other tile and no statistics tell of, `pixel_is_point` without keys, vertical systems.
-//! - Not even then: `tool`, `sources`, `more_sources`, `name`, options but tile, patch, metric, nodata and precision, members and sections of
-//!   other programs, optional features, the nodata value (a build may have been given another), the quality of JPEGs, what pictures
-//!   showed, texels that should be there and the gutters of imagery tiles.
-//! - Errors that are too large: they are bounds. How much too large, `deep` tells; the true horizontal ones are found from below, to about half
-//!   a sample.
+//! - With its source only: size, geotransform with bounds and WKT, band scale, offset and unit
+//!   (told alike in header, index, statistics), the samples, a tile left out that no other tile and
+//!   no statistics tell of, `pixel_is_point` without keys, vertical systems.
+//! - Not even then: `tool`, `sources`, `more_sources`, `name`, options but tile, patch, metric,
+//!   nodata and precision, members and sections of other programs, optional features, the nodata
+//!   value (a build may have been given another), the quality of JPEGs, what pictures showed,
+//!   texels that should be there and the gutters of imagery tiles.
+//! - Errors that are too large: they are bounds. How much too large, `deep` tells; the true
+//!   horizontal ones are found from below, to about half a sample.
 //! - What void samples without a fill decode to: it is never used.
 
 mod about;
@@ -82,9 +85,10 @@ pub type Watch<'a> = &'a mut dyn FnMut(Progress) -> bool;
 
 /// Checks an open file.
 ///
-/// Damage is a finding, not an error; a disk that cannot be read, or a raster too large for `deep`, is an error. Where the reader has a limit
-/// of memory (`ReaderOptions::memory`) it is kept: the source is then read in fewer rows at a time, and what is still too much is refused
-/// before the check.
+/// Damage is a finding, not an error; a disk that cannot be read, or a raster too large for `deep`,
+/// is an error. Where the reader has a limit of memory (`ReaderOptions::memory`) it is kept: the
+/// source is then read in fewer rows at a time, and what is still too much is refused before the
+/// check.
 pub fn verify(
     reader: &Reader,
     source: Option<&dyn Source>,
@@ -125,7 +129,8 @@ fn unproven(reader: &Reader, keep: usize) -> Option<Check> {
     })
 }
 
-/// The report of a file that a reader has refused to open as damaged. Any other reason is passed on.
+/// The report of a file that a reader has refused to open as damaged. Any other reason is passed
+/// on.
 pub fn refused(error: Error) -> Result<VerifyReport> {
     let mut check = Check::new("opening", "files", 1);
     check.looked_at = 1;

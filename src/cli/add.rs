@@ -23,7 +23,8 @@ pub struct Args {
     /// Threads that work at the same time [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
-    /// Keep within this much memory (256MiB, 2GiB); slower then if parts of pictures have to be decoded again
+    /// Keep within this much memory (256MiB, 2GiB); slower then if parts of pictures have to be
+    /// decoded again
     #[arg(long, value_name = "SIZE", value_parser = size)]
     memory: Option<u64>,
     /// Make an error of what is warned of; the file stays as it is
@@ -109,7 +110,8 @@ pub fn print_layer(layer: &LayerReport, out: &mut dyn Write) -> std::io::Result<
     table.print(out)
 }
 
-/// The size of tiles with which texels are as large as pixels, if this one's are not, by a twentieth.
+/// The size of tiles with which texels are as large as pixels, if this one's are not, by a
+/// twentieth.
 fn better_tile(tile: u32, (x, y): (f64, f64)) -> Option<u32> {
     let pixels = (x * y).sqrt();
     let better = (f64::from(tile) * pixels / 4.0).round() * 4.0;
@@ -117,7 +119,8 @@ fn better_tile(tile: u32, (x, y): (f64, f64)) -> Option<u32> {
     (differs && better != f64::from(tile)).then_some(better as u32)
 }
 
-/// Which bands became colours and what they were stretched from; nothing if they were taken as they are.
+/// Which bands became colours and what they were stretched from; nothing if they were taken as they
+/// are.
 pub fn rule(bands: &[u32], stretch: &[(f64, f64)]) -> String {
     let taken_as_they_are = bands == [1] || bands == [1, 2, 3];
     let bands: Vec<String> = bands.iter().map(ToString::to_string).collect();

@@ -34,7 +34,8 @@ pub struct Args {
     /// The file to make [default: the (first) DEM's name with .rlv, in the current folder]
     #[arg(short, long, value_name = "OUT.rlv")]
     output: Option<PathBuf>,
-    /// Every DEM to a file of its own in this folder; of a folder, all rasters in it (not in folders within); --resume passes over what is done and unchanged
+    /// Every DEM to a file of its own in this folder; of a folder, all rasters in it (not in
+    /// folders within); --resume passes over what is done and unchanged
     #[arg(long, value_name = "OUTDIR", conflicts_with_all = ["output", "window", "dry_run"])]
     each: Option<PathBuf>,
     /// Intervals of a tile: a power of two, 16 to 1024
@@ -43,7 +44,8 @@ pub struct Args {
     /// Intervals of a patch: a power of two, 4 to 64
     #[arg(long, default_value_t = 32, value_name = "N")]
     patch: u32,
-    /// Geometric error: `bound` is never below the true deviation, `paper` is the one-step maximum of the papers
+    /// Geometric error: `bound` is never below the true deviation, `paper` is the one-step maximum
+    /// of the papers
     #[arg(long, default_value = "bound", value_name = "bound|paper", value_parser = ["bound", "paper"])]
     metric: String,
     /// Quantise heights to this many metres (off by at most half of it); lossless without
@@ -61,16 +63,19 @@ pub struct Args {
     /// Seconds between two checkpoints, from which --resume goes on
     #[arg(long, default_value_t = pipeline::CHECKPOINT.as_secs_f64(), value_name = "SECONDS", value_parser = interval)]
     checkpoint: f64,
-    /// Keep within this much memory (256MiB, 2GiB), imagery included, by building strips one after the other if the DEM is wide; slower then
+    /// Keep within this much memory (256MiB, 2GiB), imagery included, by building strips one after
+    /// the other if the DEM is wide; slower then
     #[arg(long, value_name = "SIZE", value_parser = size)]
     memory: Option<u64>,
-    /// Build these tiles of the leaf level only, from column X0 and row Y0 up to X1 and Y1: OUT is then a piece for `relevo merge`
+    /// Build these tiles of the leaf level only, from column X0 and row Y0 up to X1 and Y1: OUT is
+    /// then a piece for `relevo merge`
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = window, conflicts_with_all = ["dry_run", "verify", "json", "memory"])]
     window: Option<Extent>,
     /// Make an error of what is warned of, before OUT.rlv is there
     #[arg(long)]
     strict: bool,
-    /// Say what would be made, and what time, memory and disk it takes; some tiles are tried for it, nothing is written
+    /// Say what would be made, and what time, memory and disk it takes; some tiles are tried for
+    /// it, nothing is written
     #[arg(long)]
     dry_run: bool,
     /// Then check the file: checksums, structure, invariants, and every sample against the DEM
@@ -177,7 +182,8 @@ fn tell(
     report.imagery.as_ref().map_or(Ok(()), |layer| print_layer(layer, out))
 }
 
-/// Where to write: never over what is named on the command line. What that reads in its turn the library knows.
+/// Where to write: never over what is named on the command line. What that reads in its turn the
+/// library knows.
 fn output(args: &Args, dem: &Dem) -> Result<PathBuf, Error> {
     let output = match &args.output {
         Some(path) => path.clone(),

@@ -12,7 +12,9 @@ use relevo::source::{self, OpenOptions, Overlap, Source, unit};
 /// The rasters.
 #[derive(clap::Args, Clone)]
 pub struct Dem {
-    /// The DEM, or several that become one: TIFF, .vrt and .hgt files (also gzipped) on one grid, in any order (any rasters of GDAL's if built with --features gdal); @LIST names files, one a line, @- reads such a list
+    /// The DEM, or several that become one: TIFF, .vrt and .hgt files (also gzipped) on one grid,
+    /// in any order (any rasters of GDAL's if built with --features gdal); @LIST names files, one a
+    /// line, @- reads such a list
     #[arg(value_name = "DEM", required = true)]
     pub dems: Vec<PathBuf>,
 }
@@ -42,28 +44,35 @@ pub struct SourceArgs {
     /// The band that has the heights, from 1 [default: the first]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub band: Option<u32>,
-    /// Which sample counts where files overlap; a void never hides a valid one (within a .vrt it is the last)
+    /// Which sample counts where files overlap; a void never hides a valid one (within a .vrt it is
+    /// the last)
     #[arg(long, value_name = "first|last|min|max|mean", default_value = "last", value_parser = overlap, hide_possible_values = true)]
     pub overlap: Overlap,
-    /// Vertical unit of the samples, instead of what the files say: m, ft, us-ft, another name of GDAL's, or its metres
+    /// Vertical unit of the samples, instead of what the files say: m, ft, us-ft, another name of
+    /// GDAL's, or its metres
     #[arg(long, value_name = "m|ft|us-ft|METRES", value_parser = vertical_unit)]
     pub vertical_unit: Option<(f64, String)>,
     /// The samples are depths, positive down: heights are their negatives
     #[arg(long)]
     pub depth: bool,
-    /// Warp to this coordinate system through GDAL [default with the next two: that of the first file]
+    /// Warp to this coordinate system through GDAL [default with the next two: that of the first
+    /// file]
     #[arg(long, value_name = "EPSG:N|WKT")]
     pub crs: Option<String>,
-    /// Warp to this distance of samples, in units of the coordinate system [default with --crs: as gdalwarp chooses]
+    /// Warp to this distance of samples, in units of the coordinate system [default with --crs: as
+    /// gdalwarp chooses]
     #[arg(long, value_name = "X[,Y]", value_parser = resolution)]
     pub resolution: Option<(f64, f64)>,
-    /// How warping makes a sample of those around it: near, bilinear, cubic, cubicspline, lanczos or average [default: bilinear]
+    /// How warping makes a sample of those around it: near, bilinear, cubic, cubicspline, lanczos
+    /// or average [default: bilinear]
     #[arg(long, value_name = "METHOD", value_parser = resampling)]
     pub resampling: Option<Resampling>,
-    /// The part of the DEM that this box touches, in coordinates of the DEM; over the antimeridian W is above E
+    /// The part of the DEM that this box touches, in coordinates of the DEM; over the antimeridian
+    /// W is above E
     #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true, value_parser = bounds)]
     pub bbox: Option<[f64; 4]>,
-    /// The coordinates of --bbox, such as EPSG:4326 for longitude and latitude [default: those of the DEM]
+    /// The coordinates of --bbox, such as EPSG:4326 for longitude and latitude [default: those of
+    /// the DEM]
     #[arg(long, value_name = "EPSG:N|WKT", requires = "bbox")]
     pub bbox_crs: Option<String>,
 }

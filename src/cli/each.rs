@@ -1,7 +1,9 @@
-//! `relevo build --each`: every input to a file of its own, on all cores; what fails is told and passed over.
+//! `relevo build --each`: every input to a file of its own, on all cores; what fails is told and
+//! passed over.
 //!
-//! Small inputs are built side by side, each on one thread, the largest first; an input that would leave the others waiting is built on all
-//! threads, before them. A record beside the outputs says what was made of what, for `--resume`.
+//! Small inputs are built side by side, each on one thread, the largest first; an input that would
+//! leave the others waiting is built on all threads, before them. A record beside the outputs says
+//! what was made of what, for `--resume`.
 
 use std::fs;
 use std::io::{self, Write};
@@ -123,7 +125,8 @@ impl Batch<'_> {
     /// Does all jobs, which stand by falling weight.
     fn run(&self, jobs: &[Job]) -> Vec<Fate> {
         let threads = pipeline::workers(self.options.jobs);
-        // On one thread, a job that is more than its share would still run when all others are done.
+        // On one thread, a job that is more than its share would still run when all others are
+        // done.
         let share = self.total / (2 * threads as u64) + 1;
         let alone = jobs.partition_point(|job| job.weight > share);
         let fates: Vec<Mutex<Fate>> = jobs.iter().map(|_| Mutex::new(Fate::NotBegun)).collect();

@@ -1,4 +1,5 @@
-//! `relevo export`: a level or a tile back to GeoTIFF or as a picture, of the heights or of the imagery.
+//! `relevo export`: a level or a tile back to GeoTIFF or as a picture, of the heights or of the
+//! imagery.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -22,8 +23,9 @@ pub struct Args {
     /// The .rlv file
     #[arg(value_name = "FILE.rlv")]
     file: PathBuf,
-    /// What to write: a GeoTIFF (.tif) with the samples or the texels, or a picture (.png): a shaded relief of a level, 16-bit greys
-    /// of a tile of heights (0 is void; the last line says what the others are), or texels
+    /// What to write: a GeoTIFF (.tif) with the samples or the texels, or a picture (.png): a
+    /// shaded relief of a level, 16-bit greys of a tile of heights (0 is void; the last line says
+    /// what the others are), or texels
     #[arg(short, long, value_name = "OUT.tif|OUT.png")]
     output: PathBuf,
     /// Of the imagery, not of the heights
@@ -35,10 +37,12 @@ pub struct Args {
     /// One tile: level, column and row
     #[arg(short, long, value_name = "L/X/Y", value_parser = tile)]
     tile: Option<TileId>,
-    /// The part that this box touches, in coordinates of the file; over the antimeridian W is above E
+    /// The part that this box touches, in coordinates of the file; over the antimeridian W is above
+    /// E
     #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true, value_parser = bounds, conflicts_with = "tile")]
     bbox: Option<[f64; 4]>,
-    /// The coordinates of --bbox, such as EPSG:4326 for longitude and latitude [default: those of the file]
+    /// The coordinates of --bbox, such as EPSG:4326 for longitude and latitude [default: those of
+    /// the file]
     #[arg(long, value_name = "EPSG:N|WKT", requires = "bbox")]
     bbox_crs: Option<String>,
     /// Compression of the GeoTIFF
@@ -47,7 +51,8 @@ pub struct Args {
     /// Shaded relief: light alone, as gdaldem has it, instead of tinted
     #[arg(long)]
     grey: bool,
-    /// Keep within this much memory (256MiB, 2GiB), with fewer rows or blocks at a time; slower then. Refuse before the work if it takes more
+    /// Keep within this much memory (256MiB, 2GiB), with fewer rows or blocks at a time; slower
+    /// then. Refuse before the work if it takes more
     #[arg(long, value_name = "SIZE", value_parser = size)]
     memory: Option<u64>,
     /// Replace the output if it is there

@@ -14,19 +14,23 @@ use crate::cli::warnings::{refuse, say, told};
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Imagery")]
 pub struct Imagery {
-    /// Pictures to lay over the heights, of which the last lies on top: TIFF, PNG, JPEG and WebP files (any rasters of GDAL's if built with --features gdal)
+    /// Pictures to lay over the heights, of which the last lies on top: TIFF, PNG, JPEG and WebP
+    /// files (any rasters of GDAL's if built with --features gdal)
     #[arg(long = "imagery", id = "imagery", value_name = "FILE", num_args = 1..)]
     pub files: Vec<PathBuf>,
     /// Texels along the side of an imagery tile: a multiple of 4, 64 to 4096
     #[arg(long = "imagery-tile", id = "imagery-tile", value_name = "N", default_value_t = 512)]
     pub tile: u32,
-    /// Bands that become grey, or red, green and blue, and one more for alpha, counted from 1 [default: as the file says]
+    /// Bands that become grey, or red, green and blue, and one more for alpha, counted from 1
+    /// [default: as the file says]
     #[arg(long = "imagery-bands", id = "imagery-bands", value_name = "R,G,B[,A]", value_delimiter = ',')]
     pub bands: Option<Vec<u32>>,
-    /// How samples become 8 bits: none, minmax, percent:LOW,HIGH or range:MIN,MAX [default: percent:2,98 for samples wider than 8 bits]
+    /// How samples become 8 bits: none, minmax, percent:LOW,HIGH or range:MIN,MAX [default:
+    /// percent:2,98 for samples wider than 8 bits]
     #[arg(long = "imagery-stretch", id = "imagery-stretch", value_name = "RULE", value_parser = stretch)]
     pub stretch: Option<Stretch>,
-    /// Level of a picture: the one with texels nearest to its pixels in size, or the next finer or coarser one
+    /// Level of a picture: the one with texels nearest to its pixels in size, or the next finer or
+    /// coarser one
     #[arg(long = "imagery-resolution", id = "imagery-resolution", value_name = "closest|finer|coarser", default_value = "closest", value_parser = resolution)]
     pub resolution: Resolution,
     /// How imagery tiles are stored
@@ -38,8 +42,8 @@ pub struct Imagery {
 }
 
 impl Imagery {
-    /// Opens the pictures, which become one mosaic in the coordinate system of the heights, within so many bytes of
-    /// memory; says what is to be warned of, and fails of it if `is_strict`.
+    /// Opens the pictures, which become one mosaic in the coordinate system of the heights, within
+    /// so many bytes of memory; says what is to be warned of, and fails of it if `is_strict`.
     pub fn open(
         &self,
         crs: &Crs,

@@ -68,7 +68,8 @@ fn imagery_bytes(reader: &Reader) -> u64 {
     reader.sections().iter().filter(|section| kinds.contains(&section.kind)).map(|s| s.length).sum()
 }
 
-/// How many units of the coordinate system a texel of the finest level is wide and high; samples if there is no coordinate system.
+/// How many units of the coordinate system a texel of the finest level is wide and high; samples if
+/// there is no coordinate system.
 fn texel(reader: &Reader, imagery: &ImageryHeader) -> [f64; 2] {
     let header = reader.header();
     let samples =
@@ -104,7 +105,8 @@ fn print_imagery(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     }
 }
 
-/// Lowest and highest height in metres: of the samples, or, in a file without statistics, bounds of them.
+/// Lowest and highest height in metres: of the samples, or, in a file without statistics, bounds of
+/// them.
 fn range_m(reader: &Reader) -> Option<(f64, f64)> {
     let leaves = reader.statistics().ok().flatten().and_then(|mut statistics| statistics.levels.pop());
     let counted = leaves.and_then(|level| level.min_m.zip(level.max_m));

@@ -20,8 +20,9 @@ pub fn lists(inputs: &[PathBuf]) -> Vec<PathBuf> {
     inputs.iter().filter_map(|input| list_of(input)).collect()
 }
 
-/// Replaces every `@list.txt` by the files it names, one a line, and `@-` by those that standard input names; lines that
-/// are empty or begin with `#` are passed over. Names are taken as they are, relative to the current folder.
+/// Replaces every `@list.txt` by the files it names, one a line, and `@-` by those that standard
+/// input names; lines that are empty or begin with `#` are passed over. Names are taken as they
+/// are, relative to the current folder.
 pub fn expand(inputs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     let mut files = Vec::with_capacity(inputs.len());
     for input in inputs {
@@ -44,8 +45,8 @@ const NATIVE: [&str; 4] = ["tif", "tiff", "vrt", "hgt"];
 const OF_GDAL: [&str; 14] =
     ["asc", "bil", "bt", "dem", "dt0", "dt1", "dt2", "flt", "grd", "img", "jp2", "nc", "rst", "ter"];
 
-/// Replaces every folder by the rasters in it, in the order of their names, as far as these tell: those of folders within it are not
-/// looked for.
+/// Replaces every folder by the rasters in it, in the order of their names, as far as these tell:
+/// those of folders within it are not looked for.
 pub fn of_folders(inputs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     let mut files = Vec::with_capacity(inputs.len());
     for input in inputs {

@@ -1,4 +1,5 @@
-//! What commands say to machines, in one schema: a field has one meaning, type and unit in all of them (docs/json.md).
+//! What commands say to machines, in one schema: a field has one meaning, type and unit in all of
+//! them (docs/json.md).
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};

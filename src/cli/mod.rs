@@ -1,6 +1,8 @@
-//! The command line: one file a subcommand, each with `Args` and `run`. Data on stdout, talk on stderr.
+//! The command line: one file a subcommand, each with `Args` and `run`. Data on stdout, talk on
+//! stderr.
 //!
-//! Exit codes: 0 done, 1 the check found a problem, 2 could not do it; a reader that closes the pipe is no error.
+//! Exit codes: 0 done, 1 the check found a problem, 2 could not do it; a reader that closes the
+//! pipe is no error.
 
 mod add;
 mod build;
@@ -34,8 +36,8 @@ use relevo::text::{Plain, printable};
 
 use self::voice::{Color, VoiceArgs};
 
-/// Turns digital elevation models of any size into one tile-pyramid file (.rlv) with a proven geometric error for every
-/// patch at every tessellation level.
+/// Turns digital elevation models of any size into one tile-pyramid file (.rlv) with a proven
+/// geometric error for every patch at every tessellation level.
 #[derive(Parser)]
 #[command(name = "relevo", version, arg_required_else_help = true, subcommand_required = true, after_help = AFTER)]
 struct Cli {
@@ -71,7 +73,8 @@ enum Command {
     Info(info::Args),
     /// How wrong a file is, by level and tessellation step
     Stats(stats::Args),
-    /// Check a file: checksums, structure, invariants; against its source; every error by brute force
+    /// Check a file: checksums, structure, invariants; against its source; every error by brute
+    /// force
     Verify(verify::Args),
     /// A level or a tile back to GeoTIFF or as a picture, of the heights or of the imagery
     Export(export::Args),

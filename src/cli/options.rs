@@ -2,7 +2,8 @@
 
 use relevo::source::advice;
 
-/// Advice, and fields of the library's options in backquotes, beside the options that are these here.
+/// Advice, and fields of the library's options in backquotes, beside the options that are these
+/// here.
 const NAMES: [(&str, &str); 20] = [
     (advice::NODATA, "give --nodata"),
     (advice::BAND, "choose another by --band N"),

@@ -1,4 +1,5 @@
-//! Where a file lies on the Earth, for `relevo info`: longitudes and latitudes of its corners and its middle.
+//! Where a file lies on the Earth, for `relevo info`: longitudes and latitudes of its corners and
+//! its middle.
 
 use relevo::container::reader::Reader;
 use relevo::crs::projection::Projection;
@@ -7,7 +8,8 @@ use serde_json::{Value, json};
 
 use crate::cli::table::short;
 
-/// Corners and middle of a raster: name and longitude and latitude, which a projection may not have everywhere.
+/// Corners and middle of a raster: name and longitude and latitude, which a projection may not have
+/// everywhere.
 struct Place {
     points: [(&'static str, Option<(f64, f64)>); 5],
     datum: String,
@@ -49,7 +51,8 @@ fn pixel_metres(reader: &Reader) -> [f64; 2] {
     [spacing.dx, spacing.dy]
 }
 
-/// Units of a pixel, along columns and rows, to twelve decimals; samples if there is no georeference.
+/// Units of a pixel, along columns and rows, to twelve decimals; samples if there is no
+/// georeference.
 fn pixel(geo: &Geo) -> [f64; 2] {
     let [_, a, b, _, d, e] = geo.transform_or_identity();
     [a.hypot(d), b.hypot(e)]

@@ -35,7 +35,8 @@ pub struct Show {
 struct State {
     stage: Option<Stage>,
     stage_start: Instant,
-    /// How much of the stage was done when it was first told of: all that a resumed build need not do again.
+    /// How much of the stage was done when it was first told of: all that a resumed build need not
+    /// do again.
     before: u64,
     last_line: Instant,
     /// Said after the name of the stage.
@@ -112,7 +113,8 @@ impl Show {
     }
 }
 
-/// Seconds that the rest will take, if that can be known: a row takes as long as one that has been done in this time.
+/// Seconds that the rest will take, if that can be known: a row takes as long as one that has been
+/// done in this time.
 fn seconds_left((before, done, total): (u64, u64, u64), elapsed: f64) -> Option<f64> {
     let (made, rest) = (done.checked_sub(before)?, total.saturating_sub(done));
     if rest == 0 {

@@ -20,8 +20,8 @@ pub fn width() -> usize {
     terminal.map_or(PIPED, |(terminal_size::Width(columns), _)| usize::from(columns).max(NARROWEST))
 }
 
-/// A table: columns as wide as their widest cell, numbers to the right. A heading has as many lines as it needs, and so have the
-/// names of columns that belong together.
+/// A table: columns as wide as their widest cell, numbers to the right. A heading has as many lines
+/// as it needs, and so have the names of columns that belong together.
 pub struct Table {
     heading: Vec<String>,
     groups: Vec<(usize, String)>,
@@ -37,7 +37,8 @@ impl Table {
         Self { heading, groups: Vec::new(), rows: Vec::new(), words: None }
     }
 
-    /// Names what stands over so many columns each, from the last column backwards: the columns before them have no such name.
+    /// Names what stands over so many columns each, from the last column backwards: the columns
+    /// before them have no such name.
     pub fn groups(mut self, groups: &[(usize, &str)]) -> Self {
         self.groups = groups.iter().map(|&(columns, name)| (columns, name.to_owned())).collect();
         self
@@ -154,8 +155,8 @@ fn shortened(text: &str, width: usize) -> String {
     letters[..head].iter().chain(['…'].iter()).chain(&letters[letters.len() - tail..]).collect()
 }
 
-/// A line as wide as the page at most, broken between words; all lines but the first are indented by `indent`. A word that is longer
-/// than a line stays whole: it is a path to be copied.
+/// A line as wide as the page at most, broken between words; all lines but the first are indented
+/// by `indent`. A word that is longer than a line stays whole: it is a path to be copied.
 pub fn wrapped(text: &str, indent: usize) -> String {
     wrapped_in(text, indent, width())
 }

@@ -28,7 +28,8 @@ pub struct Args {
     /// Recompute every error by brute force, at full resolution in memory
     #[arg(long)]
     pub(super) deep: bool,
-    /// Keep within this much memory (256MiB, 2GiB), comparing fewer rows at a time; slower then. Refuse before the work if it takes more
+    /// Keep within this much memory (256MiB, 2GiB), comparing fewer rows at a time; slower then.
+    /// Refuse before the work if it takes more
     #[arg(long, value_name = "SIZE", value_parser = size)]
     memory: Option<u64>,
     /// Problems to show of each check; all are counted

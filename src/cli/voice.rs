@@ -1,4 +1,5 @@
-//! What is said on standard error: errors, warnings, progress, details; how much of it, and in which colours.
+//! What is said on standard error: errors, warnings, progress, details; how much of it, and in
+//! which colours.
 
 use std::io::{self, Write};
 use std::sync::OnceLock;
@@ -16,7 +17,8 @@ const PLAIN: &str = "\x1b[0m";
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 #[command(next_help_heading = "What is said")]
 pub struct VoiceArgs {
-    /// No progress and no report of what was made; errors, warnings and what was asked for (--json, tables) stay
+    /// No progress and no report of what was made; errors, warnings and what was asked for (--json,
+    /// tables) stay
     #[arg(long, short, global = true, conflicts_with = "verbose")]
     quiet: bool,
     /// More: how long each part took, all sources, all sections
@@ -40,7 +42,8 @@ pub enum Color {
 }
 
 impl Color {
-    /// What the words of a command line ask for, before they are parsed: what is wrong with them is told in these colours.
+    /// What the words of a command line ask for, before they are parsed: what is wrong with them is
+    /// told in these colours.
     pub fn asked() -> Self {
         let words: Vec<String> = std::env::args_os()
             .map(|word| word.to_string_lossy().into_owned())
@@ -99,7 +102,8 @@ pub fn verbose() -> bool {
     voice().verbose
 }
 
-/// Says why a command, or one of its inputs, failed. Standard error may be gone: then nobody can be told.
+/// Says why a command, or one of its inputs, failed. Standard error may be gone: then nobody can be
+/// told.
 pub fn error(message: &str) {
     say(ERROR, "", message);
 }

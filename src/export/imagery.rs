@@ -1,7 +1,7 @@
 //! Imagery back to a picture: a level, cut to the heights, or a tile.
 //!
-//! Where the layer ends above the level, the finest tile there is shows, magnified. Rows of tiles are read from north to south; memory
-//! grows with the width.
+//! Where the layer ends above the level, the finest tile there is shows, magnified. Rows of tiles
+//! are read from north to south; memory grows with the width.
 
 use std::path::Path;
 
@@ -24,7 +24,8 @@ const BLOCK: u32 = 256;
 /// Bytes of the texels of a row of tiles, at most: it is in memory as a whole.
 const MAX_ROW_BYTES: u64 = 512 << 20;
 
-/// Bytes for each texel of a tile while it is decoded: chunks, what the codecs take (WebP most), and texels.
+/// Bytes for each texel of a tile while it is decoded: chunks, what the codecs take (WebP most),
+/// and texels.
 const TEXEL: u64 = 32;
 
 /// Some texels of a level, whose north-west one is texel (`left`, `top`).
@@ -37,7 +38,8 @@ struct Area {
     rows: u32,
 }
 
-/// Writes a level of the imagery as a GeoTIFF of bytes: grey or RGB, and alpha if some texel is transparent. Returns its size in texels.
+/// Writes a level of the imagery as a GeoTIFF of bytes: grey or RGB, and alpha if some texel is
+/// transparent. Returns its size in texels.
 pub fn imagery_geotiff(reader: &Reader, output: &Path, options: GeotiffOptions) -> Result<(u32, u32)> {
     check_apart(output, reader)?;
     let layer = layer_of(reader)?;
@@ -55,7 +57,8 @@ pub fn imagery_picture(reader: &Reader, output: &Path, level: u8) -> Result<(u32
     Ok((area.columns, area.rows))
 }
 
-/// Writes a tile of the imagery, without its gutters: a PNG, or a GeoTIFF if there are options for it. Returns its size in texels.
+/// Writes a tile of the imagery, without its gutters: a PNG, or a GeoTIFF if there are options for
+/// it. Returns its size in texels.
 pub fn imagery_tile(
     reader: &Reader,
     output: &Path,
@@ -77,7 +80,8 @@ pub fn imagery_tile(
     Ok((tile, tile))
 }
 
-/// Writes the texels of a level that a box touches: a PNG, or a GeoTIFF if there are options for it. Returns their columns and rows.
+/// Writes the texels of a level that a box touches: a PNG, or a GeoTIFF if there are options for
+/// it. Returns their columns and rows.
 pub fn imagery_part(
     reader: &Reader,
     output: &Path,

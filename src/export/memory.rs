@@ -1,4 +1,5 @@
-//! How an export keeps within memory: rows of tiles at a time, fewer rows, or large blocks; or what it takes at least.
+//! How an export keeps within memory: rows of tiles at a time, fewer rows, or large blocks; or what
+//! it takes at least.
 
 use super::sparse::Blocks;
 use super::{BAND_BYTES, VALUE_BYTES, Void};
@@ -14,7 +15,8 @@ const SPARSE_FROM: u64 = 1 << 30;
 const MOST_BANDS: u64 = 16;
 /// Bytes of blocks that are made at a time, without a limit.
 const AT_ONCE: u64 = 256 << 20;
-/// Bytes of a band on its way to a file, beside its values, for each of its samples: the sample, and whether it is valid.
+/// Bytes of a band on its way to a file, beside its values, for each of its samples: the sample,
+/// and whether it is valid.
 const MASKED: u64 = 1;
 
 /// How a level is written.
@@ -46,8 +48,8 @@ pub(super) fn check(reader: &Reader, what: &str, bytes: u64) -> Result<()> {
     })
 }
 
-/// The most rows of a band whose samples take `each` bytes, so that it takes no more than `limit`: those of a tile, or 1/2, 1/4 .. 1/16 of
-/// them. `None` if that is still too much.
+/// The most rows of a band whose samples take `each` bytes, so that it takes no more than `limit`:
+/// those of a tile, or 1/2, 1/4 .. 1/16 of them. `None` if that is still too much.
 pub(super) fn band_rows(reader: &Reader, extract: Extract, each: u64, limit: u64) -> Option<u32> {
     let tile = reader.header().tile();
     let mut rows = std::iter::successors(Some(tile), |rows| Some(rows / 2))
@@ -60,7 +62,8 @@ fn band_bytes(extract: Extract, rows: u32, each: u64) -> u64 {
     u64::from(extract.columns) * (u64::from(rows) + 1).min(extract.rows.into()) * each
 }
 
-/// How to write a GeoTIFF of a level, or of a part of one (which has no blocks), within the limit of the reader.
+/// How to write a GeoTIFF of a level, or of a part of one (which has no blocks), within the limit
+/// of the reader.
 ///
 /// # Errors
 /// [`Error::Usage`] if that is not enough, [`Error::Limit`] if it is too wide.
@@ -140,7 +143,8 @@ fn too_wide(extract: Extract, tile: u32, most: u64) -> Error {
     Error::limit(what, band_bytes(extract, rows, VALUE_BYTES), most)
 }
 
-/// Bytes that a picture of so many pixels takes, of so many bytes each: the pixels, and the PNG, which may be as large.
+/// Bytes that a picture of so many pixels takes, of so many bytes each: the pixels, and the PNG,
+/// which may be as large.
 pub(super) fn of_png(columns: u32, rows: u32, pixel: u64) -> u64 {
     u64::from(columns) * u64::from(rows) * 3 * pixel + (2 << 20)
 }

@@ -1,4 +1,5 @@
-//! The part of a level that a box touches, as a GeoTIFF or as a shaded picture. Only tiles that it touches are read.
+//! The part of a level that a box touches, as a GeoTIFF or as a shaded picture. Only tiles that it
+//! touches are read.
 
 use std::path::Path;
 
@@ -92,8 +93,8 @@ pub fn part_picture(
     Ok(size)
 }
 
-/// Calls `take` with the values of whole rows of a part of a level, at most `most` rows of one row of tiles at a time (and the border of the
-/// last one), north to south; `None` is void.
+/// Calls `take` with the values of whole rows of a part of a level, at most `most` rows of one row
+/// of tiles at a time (and the border of the last one), north to south; `None` is void.
 pub(super) fn each_band(
     reader: &Reader,
     (level, most): (u8, u32),

@@ -5,7 +5,8 @@ use std::path::Path;
 use crate::error::{Error, Result};
 use crate::output;
 
-/// Writes pixels of a kind and depth as a PNG; what was there is replaced when it is whole. Each text is a key and what it says.
+/// Writes pixels of a kind and depth as a PNG; what was there is replaced when it is whole. Each
+/// text is a key and what it says.
 pub(super) fn write_png(
     path: &Path,
     (width, height): (u32, u32),

@@ -1,5 +1,5 @@
-//! A level as a GeoTIFF of large blocks, of which those without a valid sample are not in the file: what it takes follows the tiles that
-//! there are, however large the raster is.
+//! A level as a GeoTIFF of large blocks, of which those without a valid sample are not in the file:
+//! what it takes follows the tiles that there are, however large the raster is.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -24,7 +24,8 @@ const WHILE_MADE: u64 = 16 + 8 + 8;
 /// Bytes that a codec takes while it packs.
 const CODEC: u64 = 12 << 20;
 
-/// Bytes for each block of a file, there or not: its place while others are written, then in the directory.
+/// Bytes for each block of a file, there or not: its place while others are written, then in the
+/// directory.
 const EACH: u64 = 80;
 /// Bytes for each block of the list of those that have samples.
 const WANTED: u64 = 64;
@@ -64,16 +65,19 @@ impl Blocks {
         Ok(Self { level, tile, last: (1 << level) - 1, side, columns, rows, sample_bytes })
     }
 
-    /// Bytes of a block while it is made, in a level of so many tiles: a row of its tiles, and what is packed of all of them.
+    /// Bytes of a block while it is made, in a level of so many tiles: a row of its tiles, and what
+    /// is packed of all of them.
     pub(super) fn bytes(&self, tiles: u64) -> u64 {
         let block = self.side * self.side;
         let there = tiles.saturating_mul((self.tile + 1) * (self.tile + 1)).min(block);
-        // A vector that grows may have room for as much again. Void rows are a thousandth of their bytes.
+        // A vector that grows may have room for as much again. Void rows are a thousandth of their
+        // bytes.
         let packed = 2 * (there + block / 500) * self.sample_bytes;
         self.tile * self.side * WHILE_MADE + packed + CODEC
     }
 
-    /// Bytes for the places of all blocks, and for the list of those that so many tiles have samples in.
+    /// Bytes for the places of all blocks, and for the list of those that so many tiles have
+    /// samples in.
     pub(super) fn fixed(&self, tiles: u64) -> u64 {
         let blocks = self.columns.div_ceil(self.side) * self.rows.div_ceil(self.side);
         blocks * EACH + blocks.min(tiles.saturating_mul(4)) * WANTED
@@ -113,7 +117,8 @@ impl Blocks {
         block * self.side..((block + 1) * self.side).min(samples)
     }
 
-    /// The values of some rows of a column of blocks, each as long as a block; nothing if no sample is valid.
+    /// The values of some rows of a column of blocks, each as long as a block; nothing if no sample
+    /// is valid.
     fn read(&self, reader: &Reader, rows: &Range<u64>, x: u64, values: &mut Vec<Option<f64>>) -> Result<()> {
         values.clear();
         let (side, coding) = (self.side as usize, reader.header().coding);
@@ -146,7 +151,8 @@ impl Blocks {
         Ok(())
     }
 
-    /// A block as it will be in the file, made of a row of tiles at a time; `None` if no sample of it is valid.
+    /// A block as it will be in the file, made of a row of tiles at a time; `None` if no sample of
+    /// it is valid.
     fn encode(
         &self,
         reader: &Reader,
@@ -179,7 +185,8 @@ impl Blocks {
         encoder.finish().map(Some)
     }
 
-    /// Writes all of them with a writer that takes blocks, in `at_once` bytes or those of one block.
+    /// Writes all of them with a writer that takes blocks, in `at_once` bytes or those of one
+    /// block.
     pub(super) fn write(
         &self,
         reader: &Reader,

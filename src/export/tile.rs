@@ -1,4 +1,5 @@
-//! A tile of heights back to a raster: exact samples as a GeoTIFF, or a PNG of 16 bits. What lies outside the raster is left out.
+//! A tile of heights back to a raster: exact samples as a GeoTIFF, or a PNG of 16 bits. What lies
+//! outside the raster is left out.
 
 use std::path::Path;
 
@@ -11,7 +12,8 @@ use crate::geotiff_write::{GeotiffSpec, GeotiffWriter};
 use crate::sample::{SampleType, VALID};
 use crate::tile::TileId;
 
-/// What a grey of a PNG of heights means: grey `g` from 1 on is `offset_m + (g - 1) * step_m`; 0 is void.
+/// What a grey of a PNG of heights means: grey `g` from 1 on is `offset_m + (g - 1) * step_m`; 0 is
+/// void.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeightScale {
     /// Height of grey 1 in metres.
@@ -80,7 +82,8 @@ pub fn tile_geotiff(
     Ok((tile.columns, tile.rows))
 }
 
-/// Writes a tile's heights as a PNG of 16-bit greys; returns what they mean, which the PNG says too (text `relevo heights`).
+/// Writes a tile's heights as a PNG of 16-bit greys; returns what they mean, which the PNG says too
+/// (text `relevo heights`).
 pub fn tile_picture(reader: &Reader, output: &Path, id: TileId) -> Result<HeightScale> {
     let header = reader.header();
     check_apart(output, reader)?;

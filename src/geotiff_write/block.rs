@@ -13,10 +13,12 @@ use crate::source::Samples;
 
 /// Bytes of a strip before compression, about.
 const STRIP_BYTES: u64 = 256 << 10;
-/// Zstandard's level: 3 is its default, 6 takes a few per cent off terrain and stays faster than reading it.
+/// Zstandard's level: 3 is its default, 6 takes a few per cent off terrain and stays faster than
+/// reading it.
 pub(super) const ZSTD_LEVEL: i32 = 6;
 
-/// How a raster is cut into blocks. Its byte counts cannot overflow: a block is below [`Limits::block_bytes`].
+/// How a raster is cut into blocks. Its byte counts cannot overflow: a block is below
+/// [`Limits::block_bytes`].
 #[derive(Debug)]
 pub(super) struct BlockGrid {
     pub width: u32,
@@ -245,14 +247,16 @@ fn difference<const N: usize>(row: &mut [u8]) {
     }
 }
 
-/// Replaces every byte by its difference to that of the pixel before, `bands` bytes earlier, modulo 256.
+/// Replaces every byte by its difference to that of the pixel before, `bands` bytes earlier, modulo
+/// 256.
 fn difference_of_bytes(row: &mut [u8], bands: usize) {
     for at in (bands..row.len()).rev() {
         row[at] = row[at].wrapping_sub(row[at - bands]);
     }
 }
 
-/// Sorts the bytes of floats into planes, the most significant first, then takes differences of bytes.
+/// Sorts the bytes of floats into planes, the most significant first, then takes differences of
+/// bytes.
 fn predict_float<const N: usize>(row: &mut [u8], scratch: &mut Vec<u8>) {
     scratch.clear();
     scratch.extend_from_slice(row);

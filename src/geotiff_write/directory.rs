@@ -1,4 +1,5 @@
-//! TIFF header and image file directory: tags in, the front of a little-endian file out. Knows no pixels.
+//! TIFF header and image file directory: tags in, the front of a little-endian file out. Knows no
+//! pixels.
 
 /// Tag numbers.
 pub(super) mod tags {
@@ -82,11 +83,11 @@ pub(super) fn zero_index(count: u64) -> Vec<(u64, u64)> {
     vec![(0, 0); count as usize]
 }
 
-/// Header, directory and the values that do not fit into it: the file up to its first block. `next` is the place of another
-/// directory, 0 if there is none.
+/// Header, directory and the values that do not fit into it: the file up to its first block. `next`
+/// is the place of another directory, 0 if there is none.
 ///
-/// Its length depends on the tags and on the number of blocks, not on their places. A classic TIFF needs places
-/// below 4 GiB; the caller sees to it.
+/// Its length depends on the tags and on the number of blocks, not on their places. A classic TIFF
+/// needs places below 4 GiB; the caller sees to it.
 pub(super) fn encode(
     other: &[Tag],
     blocks: &[(u64, u64)],

@@ -52,7 +52,8 @@ fn place([x0, a, b, y0, d, e]: [f64; 6], is_point: bool) -> Vec<Tag> {
     vec![Tag::new(tags::MODEL_TRANSFORMATION, Value::Doubles(matrix))]
 }
 
-/// The number from which a reader that subtracts `half` gets `corner` back, bit for bit if there is one.
+/// The number from which a reader that subtracts `half` gets `corner` back, bit for bit if there is
+/// one.
 fn shifted(corner: f64, half: f64) -> f64 {
     let sum = corner + half;
     let exact = [sum, sum.next_up(), sum.next_down()].into_iter().find(|&x| x - half == corner);
@@ -109,7 +110,8 @@ impl KeyBuilder {
         self.doubles.push(value);
     }
 
-    /// Text, closed by the `|` that stands for a NUL; left out if it is empty or too long for a key.
+    /// Text, closed by the `|` that stands for a NUL; left out if it is empty or too long for a
+    /// key.
     fn text(&mut self, key: u16, text: &str) {
         if text.is_empty() {
             return;
@@ -169,8 +171,8 @@ impl KeyBuilder {
         }
     }
 
-    /// A projected CRS without code: its text, which GDAL reads, and its unit. GeoKeys proper would need the
-    /// parameters of the projection.
+    /// A projected CRS without code: its text, which GDAL reads, and its unit. GeoKeys proper would
+    /// need the parameters of the projection.
     fn projected(&mut self, crs: &Crs) {
         self.short(3072, USER_DEFINED);
         if !crs.wkt.is_empty() {
@@ -223,7 +225,8 @@ fn xml_escaped(text: &str) -> String {
     text.replace('\0', "").replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
-/// A number as GDAL writes it, C's `%.17g`: `-32768`, `0.10000000000000001`, `-3.4028234663852886e+38`, `nan`.
+/// A number as GDAL writes it, C's `%.17g`: `-32768`, `0.10000000000000001`,
+/// `-3.4028234663852886e+38`, `nan`.
 pub(super) fn gdal_number(value: f64) -> String {
     if value.is_nan() {
         return "nan".to_owned();

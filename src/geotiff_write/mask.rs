@@ -1,4 +1,5 @@
-//! The mask of a GeoTIFF, as GDAL keeps it inside the file: an image of bits behind the samples, one strip for each batch of rows.
+//! The mask of a GeoTIFF, as GDAL keeps it inside the file: an image of bits behind the samples,
+//! one strip for each batch of rows.
 
 use std::io::{self, Write};
 
@@ -12,7 +13,8 @@ pub(super) struct Mask {
     width: u32,
     height: u32,
     rows_per_strip: u32,
-    /// Rows of bits that no strip holds yet, the first pixel in the highest bit, each row in whole bytes.
+    /// Rows of bits that no strip holds yet, the first pixel in the highest bit, each row in whole
+    /// bytes.
     pending: Vec<u8>,
     /// Place and size of each strip written so far.
     pub(super) strips: Vec<(u64, u64)>,

@@ -1,11 +1,13 @@
 //! GeoTIFF writer: heights or a picture, streamed by rows from north to south.
 //!
-//! Directory and block index stand in front of the blocks; their size is known before the first sample comes, so
-//! the file is written once, in order, with the directory filled in last. Memory holds one batch of rows, whatever
-//! the height. Blocks of a batch are compressed in parallel; the bytes do not depend on the number of threads.
+//! Directory and block index stand in front of the blocks; their size is known before the first
+//! sample comes, so the file is written once, in order, with the directory filled in last. Memory
+//! holds one batch of rows, whatever the height. Blocks of a batch are compressed in parallel; the
+//! bytes do not depend on the number of threads.
 //!
-//! Everything goes to a file beside the target, which [`GeotiffWriter::finish`] renames: a writer dropped half-way
-//! leaves nothing behind. A mask lies between the blocks and has its directory behind them. Not here: overviews.
+//! Everything goes to a file beside the target, which [`GeotiffWriter::finish`] renames: a writer
+//! dropped half-way leaves nothing behind. A mask lies between the blocks and has its directory
+//! behind them. Not here: overviews.
 
 mod block;
 mod directory;
@@ -48,11 +50,13 @@ pub struct GeotiffSpec<'a> {
     pub height: u32,
     /// Type of the samples.
     pub sample_type: SampleType,
-    /// Samples of a pixel, which stand together: 1, or of a picture of bytes 2 (grey, alpha), 3 (red, green, blue) or 4 (and alpha).
+    /// Samples of a pixel, which stand together: 1, or of a picture of bytes 2 (grey, alpha), 3
+    /// (red, green, blue) or 4 (and alpha).
     pub bands: u16,
     /// Value that means void (tag `GDAL_NODATA`).
     pub nodata: Option<f64>,
-    /// True if rows come with a mask, which then says alone what is void: GDAL does not look at `nodata` where there is one.
+    /// True if rows come with a mask, which then says alone what is void: GDAL does not look at
+    /// `nodata` where there is one.
     pub mask: bool,
     /// Where the raster lies. Its GeoKeys are written back as they are, or made from the EPSG code.
     pub geo: &'a Geo,
@@ -73,7 +77,8 @@ pub struct GeotiffSpec<'a> {
 }
 
 impl<'a> GeotiffSpec<'a> {
-    /// Deflated strips, no nodata value, no mask, scale 1, offset 0, no unit; nothing is overwritten.
+    /// Deflated strips, no nodata value, no mask, scale 1, offset 0, no unit; nothing is
+    /// overwritten.
     pub fn new(width: u32, height: u32, sample_type: SampleType, geo: &'a Geo) -> Self {
         Self {
             width,
@@ -94,7 +99,8 @@ impl<'a> GeotiffSpec<'a> {
     }
 }
 
-/// Bytes of pixel data from which offsets take 64 bits: 3.9 GiB, which leaves room for data that will not compress.
+/// Bytes of pixel data from which offsets take 64 bits: 3.9 GiB, which leaves room for data that
+/// will not compress.
 const BIGTIFF_FROM: u64 = 3993 << 20;
 /// Bytes of samples that are gathered before they are compressed, in parallel and together.
 const BATCH_BYTES: u64 = 8 << 20;
@@ -147,15 +153,17 @@ impl GeotiffWriter {
     /// Begins a file at `path`.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the file exists and `force` is false, or if the spec makes no sense; [`Error::Limit`] if
-    /// one block would be larger than [`Limits::block_bytes`](crate::limits::Limits::block_bytes).
+    /// [`Error::Usage`] if the file exists and `force` is false, or if the spec makes no sense;
+    /// [`Error::Limit`] if one block would be larger than
+    /// [`Limits::block_bytes`](crate::limits::Limits::block_bytes).
     pub fn create(path: impl Into<PathBuf>, spec: &GeotiffSpec) -> Result<Self> {
         let path = path.into();
         let grid = BlockGrid::new(spec).map_err(|error| error.at(&path))?;
         Self::begin(path, spec, grid)
     }
 
-    /// Begins a file of tiles that come in any order, by [`GeotiffWriter::put_block`]: those that do not are not in the file, and are void.
+    /// Begins a file of tiles that come in any order, by [`GeotiffWriter::put_block`]: those that
+    /// do not are not in the file, and are void.
     ///
     /// # Errors
     /// As [`GeotiffWriter::create`].
@@ -168,8 +176,8 @@ impl GeotiffWriter {
         Ok(writer)
     }
 
-    /// Bytes of memory that writing a file of rows takes at most, beside the rows that it is given: a batch of them, as blocks and as the
-    /// file has them, and the place of each block.
+    /// Bytes of memory that writing a file of rows takes at most, beside the rows that it is given:
+    /// a batch of them, as blocks and as the file has them, and the place of each block.
     pub fn memory(spec: &GeotiffSpec) -> u64 {
         let Ok(grid) = BlockGrid::of_blocks(spec) else { return 0 };
         let batch = u64::from(batch_rows(&grid)) * grid.row_bytes();
@@ -206,12 +214,14 @@ impl GeotiffWriter {
     /// Appends whole rows: a multiple of the width (times the bands), in the type of the spec.
     ///
     /// # Errors
-    /// [`Error::Usage`] for samples of another type, for a part of a row, for more rows than the spec says, and if it wants a mask.
+    /// [`Error::Usage`] for samples of another type, for a part of a row, for more rows than the
+    /// spec says, and if it wants a mask.
     pub fn write_rows(&mut self, samples: &Samples) -> Result<()> {
         self.take(samples, None)
     }
 
-    /// [`GeotiffWriter::write_rows`] with a mask, true where a pixel is valid, of which the spec must have told.
+    /// [`GeotiffWriter::write_rows`] with a mask, true where a pixel is valid, of which the spec
+    /// must have told.
     ///
     /// # Errors
     /// As there, and for a mask of another size.
@@ -325,7 +335,8 @@ impl GeotiffWriter {
         Ok(place)
     }
 
-    /// Writes what [`BlockEncoder::finish`] gave as the tile of a number, row by row from the north-west.
+    /// Writes what [`BlockEncoder::finish`] gave as the tile of a number, row by row from the
+    /// north-west.
     pub fn put_block(&mut self, number: u64, block: &[u8]) -> Result<()> {
         let count = self.blocks.len();
         let number = usize::try_from(number).unwrap_or(usize::MAX);

@@ -1,4 +1,5 @@
-//! A tile of a GeoTIFF that comes in parts, so that only what is packed of it is in memory as a whole.
+//! A tile of a GeoTIFF that comes in parts, so that only what is packed of it is in memory as a
+//! whole.
 
 use std::io::{self, Write};
 

@@ -1,4 +1,5 @@
-//! A part of a raster as a raster of its own: the samples whose pixels a box touches. No other sample is read.
+//! A part of a raster as a raster of its own: the samples whose pixels a box touches. No other
+//! sample is read.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -87,7 +88,8 @@ fn turn(crs: &Crs) -> f64 {
     std::f64::consts::TAU / crs.unit
 }
 
-/// A raster of degrees may begin at 0 or at -180: the box is moved by whole turns to where they meet.
+/// A raster of degrees may begin at 0 or at -180: the box is moved by whole turns to where they
+/// meet.
 fn turned(bounds: [f64; 4], geo: &Geo, raster: [f64; 4]) -> [f64; 4] {
     if geo.crs.kind != CrsKind::Geographic {
         return bounds;
@@ -100,7 +102,8 @@ fn turned(bounds: [f64; 4], geo: &Geo, raster: [f64; 4]) -> [f64; 4] {
     [-turn, turn].map(moved).into_iter().fold(bounds, better)
 }
 
-/// The smallest box around a box of another system, whose sides and inside are followed point by point.
+/// The smallest box around a box of another system, whose sides and inside are followed point by
+/// point.
 fn converted(bounds: [f64; 4], from: &Crs, to: &Crs) -> Result<[f64; 4]> {
     let [west, south, east, north] = unrolled(bounds, from);
     let between = Between::new(from, to)?;

@@ -1,7 +1,8 @@
 //! What a place says that the Earth contradicts.
 //!
-//! Only blatant things: each is more often a file that is wrong about itself than a place. A warning says what was found,
-//! where, and what can be done; numbers that cannot be worked with at all are refused.
+//! Only blatant things: each is more often a file that is wrong about itself than a place. A
+//! warning says what was found, where, and what can be done; numbers that cannot be worked with at
+//! all are refused.
 
 use super::SourceInfo;
 use crate::crs::Definition;
@@ -12,17 +13,21 @@ use crate::geo::{CrsKind, Geo};
 const EARTH: std::ops::Range<f64> = 6.3e6..6.45e6;
 /// Metres of a pixel that no raster of the Earth needs.
 const LARGEST_PIXEL: f64 = 200_000.0;
-/// Degrees beyond which longitudes are no longer those of a raster that begins somewhere else than at -180.
+/// Degrees beyond which longitudes are no longer those of a raster that begins somewhere else than
+/// at -180.
 const FARTHEST_LONGITUDE: f64 = 540.0;
-/// Metres that no coordinate of a projection of the Earth exceeds: half a turn, and as much again for a false origin.
+/// Metres that no coordinate of a projection of the Earth exceeds: half a turn, and as much again
+/// for a false origin.
 const FARTHEST: f64 = 4.1e7;
-/// Metres from the middle of a zone of 6 degrees beyond which transverse Mercator is not what was meant.
+/// Metres from the middle of a zone of 6 degrees beyond which transverse Mercator is not what was
+/// meant.
 const FARTHEST_IN_ZONE: f64 = 3.0e6;
 
 /// What to do about a place that cannot be.
 const MEND: &str = "state it anew with gdal_edit.py (-a_srs, -a_ullr) if that is wrong";
 
-/// Refuses a place whose numbers overflow: what is derived from them could not be written, nor read again.
+/// Refuses a place whose numbers overflow: what is derived from them could not be written, nor read
+/// again.
 pub(super) fn check(info: &SourceInfo) -> Result<()> {
     let geo = &info.geo;
     let Some(transform) = geo.transform else { return Ok(()) };
@@ -62,7 +67,8 @@ pub(super) fn doubts(info: &SourceInfo) -> Vec<String> {
     found
 }
 
-/// Of longitudes and latitudes. Pixels reach over a pole by half of their height where samples stand on it.
+/// Of longitudes and latitudes. Pixels reach over a pole by half of their height where samples
+/// stand on it.
 fn degrees(geo: &Geo, [west, south, east, north]: [f64; 4]) -> Vec<String> {
     let unit = geo.crs.unit.to_degrees();
     let [_, a, b, _, d, e] = geo.transform_or_identity();

@@ -1,9 +1,11 @@
-//! Gzipped files, `dem.tif.gz` and `N44W072.hgt.gz`: their content as a file that can be read by position.
+//! Gzipped files, `dem.tif.gz` and `N44W072.hgt.gz`: their content as a file that can be read by
+//! position.
 //!
-//! Blocks of a raster are read in any order and a stream of gzip can only be read from its start, so the content is
-//! unpacked, into a file without a name in the system's folder for temporary files (`TMPDIR`). It is gone when
-//! it is closed, also if the program is killed. Everything else knows the gzipped file only: messages and the
-//! container name it, and its stamp is what tells whether it has changed.
+//! Blocks of a raster are read in any order and a stream of gzip can only be read from its start,
+//! so the content is unpacked, into a file without a name in the system's folder for temporary
+//! files (`TMPDIR`). It is gone when it is closed, also if the program is killed. Everything else
+//! knows the gzipped file only: messages and the container name it, and its stamp is what tells
+//! whether it has changed.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Write};

@@ -1,8 +1,9 @@
-//! SRTM tiles, natively: `N44W072.hgt`, big-endian 16-bit metres of one square degree, row by row from the north.
+//! SRTM tiles, natively: `N44W072.hgt`, big-endian 16-bit metres of one square degree, row by row
+//! from the north.
 //!
-//! The name is all the georeference there is: the south-western corner, a sample at each corner of the degree. As to GDAL,
-//! a `.aux.xml` beside it can say scale and offset, and no more. A tile may be gzipped, `N44W072.hgt.gz`, as they are
-//! often given out.
+//! The name is all the georeference there is: the south-western corner, a sample at each corner of
+//! the degree. As to GDAL, a `.aux.xml` beside it can say scale and offset, and no more. A tile may
+//! be gzipped, `N44W072.hgt.gz`, as they are often given out.
 
 use std::fs::File;
 use std::io;
@@ -22,7 +23,8 @@ use crate::sample::SampleType;
 
 /// The value of a void.
 const VOID: i16 = -32768;
-/// Columns and rows of the tiles that are no squares: north of 50 degrees, where meridians are close.
+/// Columns and rows of the tiles that are no squares: north of 50 degrees, where meridians are
+/// close.
 const NARROW: (u64, u64) = (1801, 3601);
 
 /// An SRTM tile.
@@ -35,7 +37,8 @@ pub struct HgtSource {
 }
 
 impl HgtSource {
-    /// Opens a tile, whose name must say where it lies and whose length must be that of a square (or 1801 x 3601).
+    /// Opens a tile, whose name must say where it lies and whose length must be that of a square
+    /// (or 1801 x 3601).
     pub fn open(path: &Path, limits: &Limits) -> Result<Self> {
         let (latitude, longitude) = corner(&file_name(path)).map_err(|error| error.at(path))?;
         let gzip::Content { file, length, is_gzipped } = gzip::open(path, limits)?;

@@ -85,7 +85,8 @@ pub(super) fn refusal(start: &[u8]) -> Error {
     }
 }
 
-/// True if a text begins as a USGS DEM does, by the fields that GDAL looks at: level 1 or 4, a planimetric system.
+/// True if a text begins as a USGS DEM does, by the fields that GDAL looks at: level 1 or 4, a
+/// planimetric system.
 fn is_usgs_dem(start: &[u8]) -> bool {
     let field = |from: usize| start.get(from..from + 6).unwrap_or_default();
     let systems: [&[u8]; 5] = [b"     0", b"     1", b"     2", b"     3", b" -9999"];
@@ -107,7 +108,8 @@ fn first_word(start: &[u8]) -> Option<String> {
     (is_text && start.len() >= 2).then(|| word.to_lowercase())
 }
 
-/// True if a text that begins with a word may be a raster to GDAL: one of its formats, or columns of numbers.
+/// True if a text that begins with a word may be a raster to GDAL: one of its formats, or columns
+/// of numbers.
 fn is_grid(word: &str) -> bool {
     let word_of_numbers = word.split([',', ';']).all(|part| part.parse::<f64>().is_ok());
     word_of_numbers

@@ -1,7 +1,8 @@
 //! XML out of files: parsed only if it cannot keep the parser busy.
 //!
-//! The parser compares every attribute of an element with those before it, and every namespace with all others: a
-//! document of some megabytes that is nothing else would take hours. No XML of GDAL's has more than a few.
+//! The parser compares every attribute of an element with those before it, and every namespace with
+//! all others: a document of some megabytes that is nothing else would take hours. No XML of GDAL's
+//! has more than a few.
 
 use roxmltree::{Document, ParsingOptions};
 
@@ -22,8 +23,8 @@ pub(super) fn parse(text: &str) -> Result<Document<'_>> {
     Document::parse_with_options(text, options).map_err(damaged)
 }
 
-/// Refuses a document with many attributes in an element, or many namespaces. What is no XML is left to the parser,
-/// which goes no further than this does.
+/// Refuses a document with many attributes in an element, or many namespaces. What is no XML is
+/// left to the parser, which goes no further than this does.
 fn check(text: &str) -> Result<()> {
     let namespaces = text.matches("xmlns").count() as u64;
     if namespaces > NAMESPACES {

@@ -1,10 +1,12 @@
-//! The texts that GDAL keeps beside samples: nodata, scale, offset, and the name of the vertical unit.
+//! The texts that GDAL keeps beside samples: nodata, scale, offset, and the name of the vertical
+//! unit.
 
 use super::unit;
 use crate::error::{Error, Result};
 use crate::sample::SampleType;
 
-/// A number as GDAL reads it from text: the longest prefix that is one; `None` where there is none at all.
+/// A number as GDAL reads it from text: the longest prefix that is one; `None` where there is none
+/// at all.
 pub(crate) fn number(text: &str) -> Option<f64> {
     let text = text.trim_start().replace(',', ".");
     let signed = text.strip_prefix(['-', '+']).unwrap_or(&text);
@@ -23,8 +25,8 @@ pub(crate) fn rounded(value: f64, kind: SampleType) -> f64 {
     if kind == SampleType::Float32 { nearest_f32(value) } else { value }
 }
 
-/// A value as a float32 would hold it; one far outside stays as it is, so that no sample equals it. Texts of the
-/// largest float are often rounded up in their last digit: rounding takes them back.
+/// A value as a float32 would hold it; one far outside stays as it is, so that no sample equals it.
+/// Texts of the largest float are often rounded up in their last digit: rounding takes them back.
 fn nearest_f32(value: f64) -> f64 {
     let nearest = f64::from(value as f32);
     if nearest.is_infinite() { value } else { nearest }
@@ -41,8 +43,9 @@ pub(crate) fn check_scale(scale: f64, offset: f64) -> Result<()> {
     Ok(())
 }
 
-/// Metres and name of the vertical unit: the unit type of the band first, else that of the vertical CRS. A name that
-/// means nothing here counts as metres; the name is kept for whoever wants to warn.
+/// Metres and name of the vertical unit: the unit type of the band first, else that of the vertical
+/// CRS. A name that means nothing here counts as metres; the name is kept for whoever wants to
+/// warn.
 pub(crate) fn vertical_unit(unit_type: Option<&str>, of_crs: Option<(f64, String)>) -> (f64, String) {
     match unit_type.map(str::trim).filter(|name| !name.is_empty()) {
         Some(name) => (unit::metres_of(name).unwrap_or(1.0), name.to_owned()),

@@ -1,7 +1,7 @@
 //! Rasters to read from: size, georeference and windows of samples, in any order, bounded memory.
 //!
-//! A source knows nothing of tiles. It gives samples in their own type, with a validity of their own (GDAL mask),
-//! and says which value means void; [`Window::is_void`] joins the two.
+//! A source knows nothing of tiles. It gives samples in their own type, with a validity of their
+//! own (GDAL mask), and says which value means void; [`Window::is_void`] joins the two.
 
 pub mod account;
 pub mod cropped;
@@ -66,13 +66,15 @@ pub struct SourceInfo {
     pub height: u32,
     /// Type of the samples of the elevation band.
     pub sample_type: SampleType,
-    /// The value that means void; see [`Nodata`] for the samples that it stands for. NaN and infinities are void whatever it is.
+    /// The value that means void; see [`Nodata`] for the samples that it stands for. NaN and
+    /// infinities are void whatever it is.
     pub nodata: Option<f64>,
     /// GDAL scale: `real = band_offset + band_scale * value`; 1 unless the file says so.
     pub band_scale: f64,
     /// GDAL offset; 0 unless the file says so.
     pub band_offset: f64,
-    /// Metres of one vertical unit, and its name as found (`m`, `US survey foot`); 1 and empty if the file is silent.
+    /// Metres of one vertical unit, and its name as found (`m`, `US survey foot`); 1 and empty if
+    /// the file is silent.
     pub vertical_unit: (f64, String),
     /// Where the raster lies.
     pub geo: Geo,
@@ -84,12 +86,14 @@ pub struct SourceInfo {
     pub footprint: Option<Vec<Rect>>,
     /// Which sample counts where parts overlap; `None` for a single file.
     pub overlap: Option<Overlap>,
-    /// Height in rows of the blocks that the file is made of (strip or tile height): reading whole ones is cheapest.
+    /// Height in rows of the blocks that the file is made of (strip or tile height): reading whole
+    /// ones is cheapest.
     pub block_rows: u32,
     /// Memory that reading it takes.
     #[serde(default)]
     pub reading: ReadMemory,
-    /// What looks wrong with the raster, or was decided about it, a sentence each: what was found, and what can be done.
+    /// What looks wrong with the raster, or was decided about it, a sentence each: what was found,
+    /// and what can be done.
     #[serde(default)]
     pub warnings: Vec<String>,
     /// Where each of place, coordinate system, nodata, unit, scale, offset and mask was found.
@@ -104,7 +108,8 @@ impl SourceInfo {
     }
 }
 
-/// Bytes of memory that reading a raster takes at most. What is decoded is whole blocks, however little of them is wanted.
+/// Bytes of memory that reading a raster takes at most. What is decoded is whole blocks, however
+/// little of them is wanted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ReadMemory {
@@ -135,8 +140,8 @@ impl ReadMemory {
         }
     }
 
-    /// Of some columns of a raster: its blocks are decoded whole, and stick out at both sides of a part, and above and below it if
-    /// they lie in `several_rows`.
+    /// Of some columns of a raster: its blocks are decoded whole, and stick out at both sides of a
+    /// part, and above and below it if they lie in `several_rows`.
     #[must_use]
     pub fn of_part(self, (whole, part): (u32, u32), several_rows: bool) -> Self {
         let (whole, part) = (f64::from(whole.max(1)), f64::from(part.max(1)));
@@ -156,8 +161,9 @@ impl ReadMemory {
         }
     }
 
-    /// Bytes of the blocks that a sweep of bands of `band` rows keeps or decodes on so many threads, over `columns` columns that lie in
-    /// `runs` runs, of a raster of a size whose blocks are `block_rows` high. Blocks stick out at both ends of a run.
+    /// Bytes of the blocks that a sweep of bands of `band` rows keeps or decodes on so many
+    /// threads, over `columns` columns that lie in `runs` runs, of a raster of a size whose blocks
+    /// are `block_rows` high. Blocks stick out at both ends of a run.
     pub fn blocks(
         self,
         (columns, runs): (u64, u64),
@@ -167,11 +173,13 @@ impl ReadMemory {
     ) -> u64 {
         let block_rows = u64::from(block_rows.max(1));
         let all = u64::from(height).div_ceil(block_rows);
-        // The first band keeps all of its rows of blocks; from then on one is kept, one becomes the next, and the memory of one waits.
+        // The first band keeps all of its rows of blocks; from then on one is kept, one becomes the
+        // next, and the memory of one waits.
         let rows = (band.saturating_sub(2) / block_rows + 2).max(3).min(all);
         let of = |columns: u64| (columns as f64 * self.column).ceil() as u64;
         let row = of(columns).saturating_add((2 * runs).saturating_mul(self.block)).min(of(width.into()));
-        // No more are decoded at a time than there are, and where all are kept that is what they are decoded for.
+        // No more are decoded at a time than there are, and where all are kept that is what they
+        // are decoded for.
         let blocks = row.checked_div(self.block).map(|blocks| (blocks + 1).saturating_mul(rows));
         let threads = threads.min(blocks.unwrap_or(u64::MAX));
         let thread = if rows == all { self.thread.saturating_sub(self.block) } else { self.thread };
@@ -283,7 +291,8 @@ impl Window {
         Self { samples, mask: self.mask.map(|mask| crop(&mask, width, &columns)) }
     }
 
-    /// True if the sample at an index is void: masked out, one that `nodata` stands for, NaN or infinite.
+    /// True if the sample at an index is void: masked out, one that `nodata` stands for, NaN or
+    /// infinite.
     pub fn is_void(&self, index: usize, nodata: Nodata) -> bool {
         let value = self.samples.value(index);
         let masked = self.mask.as_ref().is_some_and(|mask| mask.get(index).is_none_or(|&valid| valid == 0));
@@ -326,11 +335,12 @@ pub trait Source: Send + Sync {
     /// Samples of a window, row by row, `columns.len()` each. It must lie inside the raster.
     fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window>;
 
-    /// The files as they are on disk now: differs from what it was as soon as one of them has been written to, replaced or removed.
+    /// The files as they are on disk now: differs from what it was as soon as one of them has been
+    /// written to, replaced or removed.
     fn fingerprint(&self) -> Result<Fingerprint>;
 
-    /// Every file that is read: the raster, its mask, what lies beside it and says what it is, the files of a VRT and of
-    /// a mosaic. None for a raster in memory.
+    /// Every file that is read: the raster, its mask, what lies beside it and says what it is, the
+    /// files of a VRT and of a mosaic. None for a raster in memory.
     fn files(&self) -> Vec<PathBuf> {
         Vec::new()
     }
@@ -340,7 +350,8 @@ pub trait Source: Send + Sync {
         drop(window);
     }
 
-    /// Lets go of memory and files that are kept for a next window; a later window only takes longer.
+    /// Lets go of memory and files that are kept for a next window; a later window only takes
+    /// longer.
     fn release(&self) {}
 }
 

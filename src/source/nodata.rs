@@ -4,10 +4,11 @@ use crate::sample::SampleType;
 
 /// The samples that a nodata value makes void, as GDAL 3.6 compares them (`GDALNoDataMaskBand`).
 ///
-/// An integer is void if it is the value without its fraction; a value outside the type stands for nothing. A float is
-/// void within some 4 to 8 units in the last place of a float32 of the value, in float64 rasters too, since these values are
-/// printed and read with few digits; and where its sum with the value leaves the type, so that `-3.4e+38` stands for
-/// the lowest float32 too. NaN and infinities are void whatever the value is; [`Nodata::is`] does not say so.
+/// An integer is void if it is the value without its fraction; a value outside the type stands for
+/// nothing. A float is void within some 4 to 8 units in the last place of a float32 of the value,
+/// in float64 rasters too, since these values are printed and read with few digits; and where its
+/// sum with the value leaves the type, so that `-3.4e+38` stands for the lowest float32 too. NaN
+/// and infinities are void whatever the value is; [`Nodata::is`] does not say so.
 #[derive(Clone, Copy, Debug)]
 pub struct Nodata {
     value: Option<f64>,
@@ -47,7 +48,8 @@ impl Nodata {
         within(self.near) || within(self.far)
     }
 
-    /// True if GDAL takes the value for a nodata value of the type at all; one that is not makes room for an alpha band.
+    /// True if GDAL takes the value for a nodata value of the type at all; one that is not makes
+    /// room for an alpha band.
     pub fn is_of(self, kind: SampleType) -> bool {
         self.value.is_some_and(|value| match kind {
             SampleType::Float32 => !value.is_finite() || value.abs() <= f64::from(f32::MAX),
@@ -92,8 +94,8 @@ impl Nodata {
         if free(above) { above } else { below }
     }
 
-    /// True if the value stands for the same numbers of `narrow` whether it is compared in that type or in `wide`, which has all of
-    /// them.
+    /// True if the value stands for the same numbers of `narrow` whether it is compared in that
+    /// type or in `wide`, which has all of them.
     pub fn is_alike(value: Option<f64>, narrow: SampleType, wide: SampleType) -> bool {
         let (own, other) = (Self::new(value, narrow), Self::new(value, wide));
         let inside = |range: Option<(f64, f64)>| {
@@ -118,7 +120,8 @@ fn least(value: f64, kind: SampleType) -> f64 {
     }
 }
 
-/// The range that GDAL compares integers in: those of up to 32 bits as those of 32 bits with the same sign; bytes as bytes.
+/// The range that GDAL compares integers in: those of up to 32 bits as those of 32 bits with the
+/// same sign; bytes as bytes.
 fn compared(kind: SampleType) -> (f64, f64) {
     match kind {
         SampleType::Uint8 => limits(kind),
@@ -160,7 +163,8 @@ fn mirrored(value: f64, around: impl Fn(f64) -> Ranges) -> Ranges {
 /// `near` and `far` of [`Nodata`].
 type Ranges = ((f64, f64), (f64, f64));
 
-/// GDAL's `ARE_REAL_EQUAL` solved for the sample: numbers from 0 on ascend with their bits, and along them it changes once or twice.
+/// GDAL's `ARE_REAL_EQUAL` solved for the sample: numbers from 0 on ascend with their bits, and
+/// along them it changes once or twice.
 macro_rules! around {
     ($name:ident, $float:ty, $bits:ty) => {
         fn $name(value: $float) -> Ranges {
@@ -199,7 +203,8 @@ mod tests {
     use super::*;
     use crate::source::metadata;
 
-    /// What GDAL says of the samples of a line of the table: type, text, and samples that are void, and that are not.
+    /// What GDAL says of the samples of a line of the table: type, text, and samples that are void,
+    /// and that are not.
     fn lines() -> Vec<(SampleType, String, Vec<f64>, Vec<f64>)> {
         let table = include_str!("../../fixtures/nodata.txt");
         let line = |line: &str| {

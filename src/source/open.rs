@@ -16,13 +16,14 @@ use super::{Source, earth, file_name, gzip, hgt, kind, stated, tiff, vrt};
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 
-/// Opens a raster: a GeoTIFF, a GDAL virtual raster or an SRTM tile natively, also gzipped, anything else (and what is
-/// refused here) through GDAL if that is built in.
+/// Opens a raster: a GeoTIFF, a GDAL virtual raster or an SRTM tile natively, also gzipped,
+/// anything else (and what is refused here) through GDAL if that is built in.
 pub fn open(path: &Path, limits: &Limits) -> Result<Box<dyn Source>> {
     open_file(path, None, &Nest { limits, depth: 0, files: &Cell::new(0), band: None })
 }
 
-/// How deep files stand in one another, how many have been opened on the way, and what is wanted of them.
+/// How deep files stand in one another, how many have been opened on the way, and what is wanted of
+/// them.
 #[derive(Clone, Copy)]
 pub(super) struct Nest<'a> {
     pub(super) limits: &'a Limits,
@@ -75,8 +76,9 @@ fn open_native(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Box<dyn 
     })
 }
 
-/// What GDAL makes of a file that is refused here: a limit is one for GDAL too, and a system that refuses a file
-/// refuses it to all. If GDAL fails as well both reasons are told, the first one first.
+/// What GDAL makes of a file that is refused here: a limit is one for GDAL too, and a system that
+/// refuses a file refuses it to all. If GDAL fails as well both reasons are told, the first one
+/// first.
 #[cfg(feature = "gdal")]
 pub(super) fn or_by_gdal<T>(path: &Path, refused: Error, open: impl FnOnce() -> Result<T>) -> Result<T> {
     match &refused {
@@ -90,8 +92,9 @@ pub(super) fn or_by_gdal<T>(path: &Path, refused: Error, open: impl FnOnce() -> 
     })
 }
 
-/// True if a file is damaged whoever reads it. A packed one that is cut off and a VRT with a number that is none are read
-/// by GDAL all the same, as far as they go and as 0; a file that a VRT names has been shown to GDAL already.
+/// True if a file is damaged whoever reads it. A packed one that is cut off and a VRT with a number
+/// that is none are read by GDAL all the same, as far as they go and as 0; a file that a VRT names
+/// has been shown to GDAL already.
 #[cfg(feature = "gdal")]
 fn is_damage(path: &Path, named: &Path, place: &str) -> bool {
     let is_named = !named.as_os_str().is_empty() && named != path;
@@ -171,7 +174,8 @@ fn unpacked_name(path: &Path) -> PathBuf {
     if is_packed { name.with_extension("") } else { name }
 }
 
-/// A file as a part of a mosaic. A VRT stays open (its own files do not), every other file only while it is needed.
+/// A file as a part of a mosaic. A VRT stays open (its own files do not), every other file only
+/// while it is needed.
 pub(super) fn piece(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Piece> {
     let source = open_file(path, nodata, nest)?;
     if !names_no_file(path) && format(path)? == Format::Vrt {
@@ -187,7 +191,8 @@ pub(super) fn piece(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Pie
     ))
 }
 
-/// True if a name means something to GDAL although there is no such file: `/vsizip/…`, `NETCDF:"file":variable`.
+/// True if a name means something to GDAL although there is no such file: `/vsizip/…`,
+/// `NETCDF:"file":variable`.
 fn names_no_file(path: &Path) -> bool {
     let text = path.to_string_lossy();
     // One letter and a colon is a drive.
@@ -197,8 +202,8 @@ fn names_no_file(path: &Path) -> bool {
     !path.exists() && (text.starts_with("/vsi") || driver)
 }
 
-/// What to call a container of this raster, without an extension: the file's own name, or of `NETCDF:"file":variable`
-/// both.
+/// What to call a container of this raster, without an extension: the file's own name, or of
+/// `NETCDF:"file":variable` both.
 pub fn stem(path: &Path) -> OsString {
     let name = file_name(path);
     if !names_no_file(path) || !name.contains(['"', ':']) {
@@ -223,7 +228,8 @@ pub struct OpenOptions {
     pub band: Option<u32>,
     /// Which sample counts where files overlap.
     pub overlap: Overlap,
-    /// Metres and name of the vertical unit of every file, instead of what it says itself; see [`super::unit::parse`].
+    /// Metres and name of the vertical unit of every file, instead of what it says itself; see
+    /// [`super::unit::parse`].
     pub vertical_unit: Option<(f64, String)>,
     /// True if the samples are depths, positive down: heights are their negatives.
     pub depth: bool,
@@ -233,7 +239,8 @@ pub struct OpenOptions {
     pub bbox: Option<Bbox>,
 }
 
-/// Which of several valid samples of one place counts. A void in one file never hides a valid sample of another.
+/// Which of several valid samples of one place counts. A void in one file never hides a valid
+/// sample of another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Overlap {
@@ -246,15 +253,15 @@ pub enum Overlap {
     Min,
     /// The highest.
     Max,
-    /// Their mean: the sum in float64, in the order of the files, by their number; of whole numbers the nearest, of
-    /// two as near the one away from zero.
+    /// Their mean: the sum in float64, in the order of the files, by their number; of whole numbers
+    /// the nearest, of two as near the one away from zero.
     Mean,
 }
 
 /// Opens one or more files as one raster; several are joined, see [`Mosaic::of`].
 ///
-/// Of a single file `options.overlap` does not count, and `options.nodata` only within a VRT, which is a mosaic whose
-/// files lie on top of one another as it says.
+/// Of a single file `options.overlap` does not count, and `options.nodata` only within a VRT, which
+/// is a mosaic whose files lie on top of one another as it says.
 ///
 /// A place whose numbers overflow is refused, one that the Earth contradicts is warned of.
 pub fn open_all(paths: &[PathBuf], options: &OpenOptions, limits: &Limits) -> Result<Box<dyn Source>> {

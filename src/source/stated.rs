@@ -1,4 +1,5 @@
-//! A raster of which the user says something else than its file does: the unit of its heights, or their sense.
+//! A raster of which the user says something else than its file does: the unit of its heights, or
+//! their sense.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -30,8 +31,9 @@ pub fn warned(source: Box<dyn Source>, warnings: Vec<String>) -> Box<dyn Source>
     Box::new(Stated { info, source })
 }
 
-/// Vertical unit and sense as the options have them; without the warnings whose advice is taken. Metres are `(offset + scale * sample) * unit`, so a depth is a
-/// height by the signs of scale and offset.
+/// Vertical unit and sense as the options have them; without the warnings whose advice is taken.
+/// Metres are `(offset + scale * sample) * unit`, so a depth is a height by the signs of scale and
+/// offset.
 pub fn state(info: &mut SourceInfo, options: &OpenOptions) {
     if let Some(unit) = &options.vertical_unit {
         info.vertical_unit.clone_from(unit);

@@ -2,8 +2,8 @@
 
 use crate::crs::epsg::{FOOT, US_SURVEY_FOOT};
 
-/// Metres of a unit by its name: GDAL's own names, those of PROJ and OGC, and the usual ones of people; `0.25 m` is
-/// a unit of a quarter of a metre.
+/// Metres of a unit by its name: GDAL's own names, those of PROJ and OGC, and the usual ones of
+/// people; `0.25 m` is a unit of a quarter of a metre.
 pub(crate) fn metres_of(name: &str) -> Option<f64> {
     let name = name.trim().to_lowercase();
     if let Some(number) = name.strip_suffix(" m") {
@@ -25,8 +25,8 @@ pub(crate) fn metres_of(name: &str) -> Option<f64> {
     })
 }
 
-/// A unit as the user states it, `m`, `ft`, `us-ft`, any other name known here, or its metres as a number: metres,
-/// and the name to record, which GDAL and this program read back as the same unit.
+/// A unit as the user states it, `m`, `ft`, `us-ft`, any other name known here, or its metres as a
+/// number: metres, and the name to record, which GDAL and this program read back as the same unit.
 pub fn parse(text: &str) -> Option<(f64, String)> {
     let text = text.trim();
     if let Some(metres) = length(text) {

@@ -1,6 +1,8 @@
-//! The sentences of [`SourceInfo::warnings`](super::SourceInfo::warnings): file, what was found, what can be done about it.
+//! The sentences of [`SourceInfo::warnings`](super::SourceInfo::warnings): file, what was found,
+//! what can be done about it.
 //!
-//! What can be done is said in the words of [`advice`], which a program that has an option for it can look for.
+//! What can be done is said in the words of [`advice`], which a program that has an option for it
+//! can look for.
 
 use std::path::Path;
 
@@ -13,7 +15,8 @@ pub mod advice {
     pub const NODATA: &str = "state the nodata value";
     /// Choose a band ([`OpenOptions::band`](crate::source::OpenOptions::band)).
     pub const BAND: &str = "choose another band";
-    /// State the vertical unit ([`OpenOptions::vertical_unit`](crate::source::OpenOptions::vertical_unit)).
+    /// State the vertical unit
+    /// ([`OpenOptions::vertical_unit`](crate::source::OpenOptions::vertical_unit)).
     pub use crate::crs::geokeys::UNIT_ADVICE as UNIT;
     /// Say that samples are depths ([`OpenOptions::depth`](crate::source::OpenOptions::depth)).
     pub const DEPTH: &str = "state that the samples are depths";
@@ -37,8 +40,8 @@ pub(super) fn alpha_and_nodata(path: &Path, nodata: f64) -> String {
     format!("{name}: there is an alpha band beside the nodata value {nodata}, which alone counts, as in GDAL")
 }
 
-/// Of several bands the first was taken, or it looks like something else than heights; `None` if nothing is odd.
-/// `colours` says what the samples are by the file's own word: `RGB`, `palette`.
+/// Of several bands the first was taken, or it looks like something else than heights; `None` if
+/// nothing is odd. `colours` says what the samples are by the file's own word: `RGB`, `palette`.
 pub(super) fn odd_band(path: &Path, bands: u32, kind: SampleType, colours: Option<&str>) -> Option<String> {
     let looks = match (kind, colours) {
         (_, Some("palette")) => ", palette: looks like a raster of classes",

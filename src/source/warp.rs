@@ -2,12 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A coordinate system, a resolution, and how samples are made. Any raster is warped if there is a request at all.
+/// A coordinate system, a resolution, and how samples are made. Any raster is warped if there is a
+/// request at all.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Warp {
     /// `EPSG:…`, WKT, or whatever else GDAL takes for one; `None`: that of the first file.
     pub crs: Option<String>,
-    /// Steps along x and y in units of the coordinate system; `None`: what `gdalwarp` chooses, the finest of all files.
+    /// Steps along x and y in units of the coordinate system; `None`: what `gdalwarp` chooses, the
+    /// finest of all files.
     pub resolution: Option<(f64, f64)>,
     /// How a sample is made of those around it.
     pub resampling: Resampling,
@@ -17,7 +19,8 @@ pub struct Warp {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Resampling {
-    /// The nearest one: no height that is not in the file, but steps of up to half a sample sideways.
+    /// The nearest one: no height that is not in the file, but steps of up to half a sample
+    /// sideways.
     Near,
     /// Linear between the four around it: continuous, and never above or below them. The default.
     #[default]

@@ -1,7 +1,9 @@
-//! What a file says about itself without a sample: metadata against the header, and the coordinate system against itself.
+//! What a file says about itself without a sample: metadata against the header, and the coordinate
+//! system against itself.
 //!
-//! A file states much of this twice: the geotransform and the bounds, the vertical unit's name and its metres, the GeoTIFF keys, the WKT
-//! and what was made of them. Where the two differ one of them is wrong, and nobody can say which: that is a problem.
+//! A file states much of this twice: the geotransform and the bounds, the vertical unit's name and
+//! its metres, the GeoTIFF keys, the WKT and what was made of them. Where the two differ one of
+//! them is wrong, and nobody can say which: that is a problem.
 
 use serde_json::Value;
 
@@ -138,7 +140,8 @@ fn check_crs(header: &Header, metadata: &Metadata, check: &mut Check) {
 
 /// Values of GeoTIFF keys that stand in the directory itself.
 fn check_keys(crs: &Crs, keys: &GeoKeys, pixel_is_point: bool, check: &mut Check) {
-    // What stands behind the number of keys in the header does not count; of a key that is there twice, the last.
+    // What stands behind the number of keys in the header does not count; of a key that is there
+    // twice, the last.
     let count = keys.directory.get(3).copied().map_or(0, usize::from);
     let row = |key: u16| keys.directory.chunks_exact(4).skip(1).take(count).rfind(|row| row[0] == key);
     let short = |key: u16| row(key).filter(|row| row[1] == 0).map(|row| row[3]);

@@ -1,7 +1,8 @@
 //! Samples that neighbouring tiles share, and tiles that must be there because a neighbour says so.
 //!
-//! A tile's border waits until all its neighbours have come: with tiles in storage order few wait at a time. A void
-//! sample is compared where its own tile shows that it has a fill: one of its eight neighbours is valid.
+//! A tile's border waits until all its neighbours have come: with tiles in storage order few wait
+//! at a time. A void sample is compared where its own tile shows that it has a fill: one of its
+//! eight neighbours is valid.
 
 use std::collections::HashMap;
 

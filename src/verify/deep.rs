@@ -1,7 +1,8 @@
 //! Every sample against full resolution, and every error recomputed.
 //!
-//! Spacing `s` at level `l` draws the same surface as spacing `2 s` at level `l + 1`: each spacing of the whole lattice is
-//! computed once, cell by cell, and gathered into the patches of each level that can be drawn so.
+//! Spacing `s` at level `l` draws the same surface as spacing `2 s` at level `l + 1`: each spacing
+//! of the whole lattice is computed once, cell by cell, and gathered into the patches of each level
+//! that can be drawn so.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -105,7 +106,8 @@ fn compare_samples(
     Ok(())
 }
 
-/// The index's height ranges, from the leaves to the root: of a tile's own samples and of those of its children, and no wider.
+/// The index's height ranges, from the leaves to the root: of a tile's own samples and of those of
+/// its children, and no wider.
 fn check_ranges(entries: &[&TileEntry], mut hulls: HashMap<TileId, Hull>, check: &mut Check) {
     for entry in entries.iter().rev() {
         let Some(hull) = hulls.remove(&entry.id) else { continue };
@@ -126,7 +128,8 @@ struct Deep<'a> {
     ratios: BTreeMap<(u8, u32), Pairs>,
 }
 
-/// Metres of one unit of the numbers that deviations are computed in, and of the quantisation error.
+/// Metres of one unit of the numbers that deviations are computed in, and of the quantisation
+/// error.
 fn metres_of_number(header: &Header) -> (f64, f64) {
     let metres = header.band_scale.abs() * header.unit_metres;
     let scale = if let Coding::Integer { scale, .. } = header.coding { scale.abs() } else { 1.0 };
@@ -243,9 +246,9 @@ fn of_level(tables: &Tables, level: u8) -> impl Iterator<Item = (&TileEntry, &Er
     tables.by_tile.range(range).map(|(_, (entry, table))| (entry, table))
 }
 
-/// Holds the stored errors of a level and step against the true ones: `truth(column, row)` of a patch counted over the
-/// level gives the true error at this step, and the largest at this and all finer ones. Gives stored over the latter where it is
-/// not small.
+/// Holds the stored errors of a level and step against the true ones: `truth(column, row)` of a
+/// patch counted over the level gives the true error at this step, and the largest at this and all
+/// finer ones. Gives stored over the latter where it is not small.
 fn compare(
     tables: &Tables,
     level: u8,

@@ -1,4 +1,5 @@
-//! The lattice of full resolution, decoded, with the fills that the specification asks for (section 2).
+//! The lattice of full resolution, decoded, with the fills that the specification asks for (section
+//! 2).
 //!
 //! Fills are found by brute force, one sample at a time, from the valid samples alone.
 
@@ -20,8 +21,8 @@ pub(super) const FILL_ROWS: usize = 64;
 /// Code, low and state of a sample.
 pub(super) type Sample = (i32, u32, u8);
 
-/// Samples of full resolution: those of the raster, and one column and row more where the root square has room, so that
-/// every cell with a valid sample is in it. All others are void.
+/// Samples of full resolution: those of the raster, and one column and row more where the root
+/// square has room, so that every cell with a valid sample is in it. All others are void.
 pub(super) struct Full {
     /// Columns and rows of the raster.
     pub raster: (u64, u64),
@@ -168,8 +169,9 @@ impl Full {
         })
     }
 
-    /// Holds every sample of a tile against the sample it stands for. What its triangles can show lies in its height range: that
-    /// is not so for a fill from farther away than the tile is wide. Gives the range of all the others.
+    /// Holds every sample of a tile against the sample it stands for. What its triangles can show
+    /// lies in its height range: that is not so for a fill from farther away than the tile is wide.
+    /// Gives the range of all the others.
     pub fn compare(
         &self,
         header: &Header,
@@ -235,7 +237,8 @@ impl std::fmt::Debug for Full {
 
 #[cfg(test)]
 impl Full {
-    /// A lattice of integer codes, row by row; `None` is void. `side` is a power of two, at least the larger size less 1.
+    /// A lattice of integer codes, row by row; `None` is void. `side` is a power of two, at least
+    /// the larger size less 1.
     pub fn of_codes(codes: &[Option<i32>], columns: usize, side: u64) -> Self {
         let raster = (columns as u64, (codes.len() / columns) as u64);
         let along = |samples: u64| (samples.min(side) + 1) as usize;

@@ -1,8 +1,10 @@
-//! Metres on the ground between points of the lattice, by arithmetic of its own: nothing here is shared with [`crate::geo`], whose
-//! metres the stored errors were measured in, so that the two can disagree.
+//! Metres on the ground between points of the lattice, by arithmetic of its own: nothing here is
+//! shared with [`crate::geo`], whose metres the stored errors were measured in, so that the two can
+//! disagree.
 //!
-//! Points are `[column, row]` of the lattice, fractions allowed; samples stand on whole numbers. The distance of two points is the length
-//! of the line between them that is straight in the raster: on a geographic raster its length on the ellipsoid (specification, section 2).
+//! Points are `[column, row]` of the lattice, fractions allowed; samples stand on whole numbers.
+//! The distance of two points is the length of the line between them that is straight in the
+//! raster: on a geographic raster its length on the ellipsoid (specification, section 2).
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -22,15 +24,18 @@ const GAUSS: [(f64, f64); 5] = [
     (0.769_234_655_052_841_5, 0.239_314_335_249_683_2),
     (0.953_089_922_969_332, 0.118_463_442_528_094_5),
 ];
-/// Latitude, in radians, that one piece of a line crosses at most: the rule is then right to 13 digits.
+/// Latitude, in radians, that one piece of a line crosses at most: the rule is then right to 13
+/// digits.
 const PIECE: f64 = 0.05;
 /// Most pieces of a line: pole to pole.
 const PIECES: f64 = 64.0;
-/// Steps of a search by the golden section: the place is found to 10^-3 of its interval, a smooth minimum to 10^-6.
+/// Steps of a search by the golden section: the place is found to 10^-3 of its interval, a smooth
+/// minimum to 10^-6.
 const STEPS: u32 = 15;
 /// What that may be too large by.
 const TOO_LARGE: f64 = 1e-6;
-/// Where scales differ by less, the smallest of them are taken: the true errors are found from below all the same.
+/// Where scales differ by less, the smallest of them are taken: the true errors are found from
+/// below all the same.
 const SLIGHT: f64 = 3e-4;
 /// Most rows whose scales are kept.
 const MOST_ROWS: u32 = 1 << 20;
@@ -77,7 +82,8 @@ impl Ground {
         } else {
             Shape::Plane(crs.unit)
         };
-        // Pixel centres: half a column and half a row from the corner that the geotransform tells of.
+        // Pixel centres: half a column and half a row from the corner that the geotransform tells
+        // of.
         let first = y0 + 0.5 * d + 0.5 * e;
         let latitude = [first, d, e].map(|term| term * crs.unit);
         Self { a, b, d, e, latitude, shape, of_rows: Vec::new() }
@@ -208,8 +214,8 @@ impl Ground {
         sum * length
     }
 
-    /// Metres from a point to the nearest point of a segment, if they are less than `than`: not more than they are, and less by no more than
-    /// [`SLIGHT`] of them.
+    /// Metres from a point to the nearest point of a segment, if they are less than `than`: not
+    /// more than they are, and less by no more than [`SLIGHT`] of them.
     pub fn to_segment(&self, point: Point, [a, b]: [Point; 2], than: f64) -> Option<f64> {
         let (least, most) = self.scales(&[point, a, b]);
         let flat = |to: Point| self.flat([to[0] - point[0], to[1] - point[1]], least);
@@ -225,7 +231,8 @@ impl Ground {
         Some(found.max(lower)).filter(|&distance| distance < than)
     }
 
-    /// No more metres than from a point to any point of a block: a square of the lattice from `[west, north]` to `[east, south]`.
+    /// No more metres than from a point to any point of a block: a square of the lattice from
+    /// `[west, north]` to `[east, south]`.
     pub fn to_block(&self, point: Point, [west, north]: Point, [east, south]: Point) -> f64 {
         let nearest = [point[0].clamp(west, east), point[1].clamp(north, south)];
         if nearest == point {
@@ -241,7 +248,8 @@ impl Ground {
         sides.fold(f64::INFINITY, f64::min)
     }
 
-    /// No fewer metres than from any point of a block, of half the size `half` about `centre`, to a point.
+    /// No fewer metres than from any point of a block, of half the size `half` about `centre`, to a
+    /// point.
     pub fn reach(&self, centre: Point, half: f64, to: Point) -> f64 {
         let corner = |x: f64, y: f64| [centre[0] + x * half, centre[1] + y * half];
         let corners = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(-1.0, 1.0), corner(1.0, 1.0)];
@@ -250,8 +258,9 @@ impl Ground {
         away.into_iter().fold(0.0, f64::max)
     }
 
-    /// Metres of an interval along a row and along a column of a tile, as metric `paper` and the statistics count them: by the largest
-    /// scales among the tile's samples within the raster, times what covers their not being at right angles.
+    /// Metres of an interval along a row and along a column of a tile, as metric `paper` and the
+    /// statistics count them: by the largest scales among the tile's samples within the raster,
+    /// times what covers their not being at right angles.
     pub fn intervals(&self, header: &Header, id: TileId) -> [f64; 2] {
         let step = f64::from(header.spacing(id.level));
         let span = f64::from(header.tile()) * step;
@@ -360,7 +369,8 @@ mod tests {
 
     #[test]
     fn known_arcs() {
-        // A degree of latitude and of longitude at the equator and at 60 degrees, by the tables of the ellipsoid.
+        // A degree of latitude and of longitude at the equator and at 60 degrees, by the tables of
+        // the ellipsoid.
         let ground = Ground::degrees([0.0, 1.0, 0.0, 90.5, 0.0, -1.0]);
         let along = |row: f64| ground.distance([0.0, row], [1.0, row]);
         assert!((along(90.0) - 111_319.491).abs() < 0.001);

@@ -1,4 +1,5 @@
-//! The imagery layer: every chunk under its checksum and in its place, every tile decoded, the header as the tiles are.
+//! The imagery layer: every chunk under its checksum and in its place, every tile decoded, the
+//! header as the tiles are.
 
 use rayon::prelude::*;
 
@@ -11,7 +12,8 @@ use crate::error::Result;
 /// Tiles between two questions whether to go on.
 const BATCH: usize = 256;
 
-/// Tiles: they follow one another in storage order, and decode to texels of the size and kind that the header says.
+/// Tiles: they follow one another in storage order, and decode to texels of the size and kind that
+/// the header says.
 pub(super) fn tiles(
     layer: &ImageryLayer,
     options: &VerifyOptions,

@@ -1,6 +1,8 @@
-//! The parts of a file: every section and every index page under its checksum, one after the other without gaps.
+//! The parts of a file: every section and every index page under its checksum, one after the other
+//! without gaps.
 //!
-//! Pages are read here from the file itself, so that bytes of the pages section that no page claims are found too.
+//! Pages are read here from the file itself, so that bytes of the pages section that no page claims
+//! are found too.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -14,7 +16,8 @@ use crate::container::sections::{COVERED, IMAGERY_PAGES, PAGES, ROOT_PAGE, Secti
 use crate::error::{Error, Result};
 use crate::tile::TileId;
 
-/// Sections with a checksum of their own. (Header and section table were checked when the file was opened.)
+/// Sections with a checksum of their own. (Header and section table were checked when the file was
+/// opened.)
 pub(super) fn sections(reader: &Reader, options: &VerifyOptions) -> Result<Check> {
     let mut check = Check::new("sections", "bytes", options.keep);
     for section in reader.sections() {
@@ -43,7 +46,8 @@ pub(super) fn pages(reader: &Reader, options: &VerifyOptions) -> Result<Check> {
     Ok(check)
 }
 
-/// Pages of the imagery's index likewise. (Its root page stands in the header and was checked when the file was opened.)
+/// Pages of the imagery's index likewise. (Its root page stands in the header and was checked when
+/// the file was opened.)
 pub(super) fn imagery_pages(reader: &Reader, layer: &ImageryLayer, options: &VerifyOptions) -> Result<Check> {
     let mut check = Check::new("imagery pages", "pages", options.keep);
     let pages = reader.sections().iter().find(|section| section.kind == IMAGERY_PAGES);

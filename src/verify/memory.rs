@@ -1,4 +1,5 @@
-//! How much memory a check takes at most, known before a tile is read, and how the source is read so that it is kept.
+//! How much memory a check takes at most, known before a tile is read, and how the source is read
+//! so that it is kept.
 
 use super::VerifyOptions;
 use crate::container::layout::Header;
@@ -13,7 +14,8 @@ const BAND_BYTES: u64 = 256 << 20;
 pub(super) const VALUE_BYTES: u64 = size_of::<Option<f64>>() as u64;
 /// A row of tiles is cut into as many bands at most: each decodes its tiles again.
 const MOST_BANDS: u32 = 16;
-/// A band is cut into parts of no fewer columns: each decodes blocks of the source and tiles at its sides again.
+/// A band is cut into parts of no fewer columns: each decodes blocks of the source and tiles at its
+/// sides again.
 const LEAST_COLUMNS: u32 = 4096;
 /// Bytes of a border sample.
 const BORDER_SAMPLE: u64 = 12;
@@ -35,7 +37,8 @@ pub(super) struct Shape {
     pub rows: u32,
 }
 
-/// How the source is read: in bands as high as a tile, or lower ones if they would be too large, or also in parts.
+/// How the source is read: in bands as high as a tile, or lower ones if they would be too large, or
+/// also in parts.
 ///
 /// # Errors
 /// [`crate::Error::Usage`] if the reader's limit of memory is not enough.
@@ -110,7 +113,8 @@ fn fixed(reader: &Reader, options: &VerifyOptions, threads: usize) -> u64 {
     let (tiles, levels) = (header.tile_count, u64::from(header.levels) + 1);
     let side =
         |samples: u32, level: u8| (u64::from(samples) >> (header.tile_log2 + header.levels - level)) + 1;
-    // Tiles come in storage order: those that wait for a neighbour lie along the edge of what has come.
+    // Tiles come in storage order: those that wait for a neighbour lie along the edge of what has
+    // come.
     let along = |level: u8| 4 * (side(header.width, level) + side(header.height, level));
     let waiting = (0..=header.levels).map(along).fold(0, u64::saturating_add).min(tiles);
     let batch = tiles.min(BATCH as u64);
@@ -129,8 +133,9 @@ fn fixed(reader: &Reader, options: &VerifyOptions, threads: usize) -> u64 {
     if deep { bytes.saturating_add(of_deep(header, table)) } else { bytes }
 }
 
-/// Bytes that the lattice of full resolution takes: code, low and state of each sample, which cells are occupied, fills while they are
-/// found, the errors of all patches of a few spacings, and the tables of all tiles with how tight they are.
+/// Bytes that the lattice of full resolution takes: code, low and state of each sample, which cells
+/// are occupied, fills while they are found, the errors of all patches of a few spacings, and the
+/// tables of all tiles with how tight they are.
 fn of_deep(header: &Header, table: u64) -> u64 {
     let (columns, rows) = (u64::from(header.width) + 1, u64::from(header.height) + 1);
     let (all, patch) = (columns * rows, u64::from(header.patch()).pow(2));

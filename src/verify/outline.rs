@@ -1,9 +1,10 @@
 //! True horizontal displacements: how far misdrawn points are from the outline at full resolution.
 //!
-//! A point is misdrawn if it is shown at a step and hidden at full resolution, or the other way round. The largest distance
-//! is estimated from below: distances are exact, in the metres of [`Ground`], taken at the corners of every misdrawn polygon of every
-//! fine triangle, and at all its points on quarters of an interval. Squares in which nothing can be farther than what is known are passed
-//! over.
+//! A point is misdrawn if it is shown at a step and hidden at full resolution, or the other way
+//! round. The largest distance is estimated from below: distances are exact, in the metres of
+//! [`Ground`], taken at the corners of every misdrawn polygon of every fine triangle, and at all
+//! its points on quarters of an interval. Squares in which nothing can be farther than what is
+//! known are passed over.
 
 use rayon::prelude::*;
 
@@ -33,8 +34,8 @@ impl<'a> Outline<'a> {
         Self { full, occupancy, ground }
     }
 
-    /// Largest displacement of cells of spacing `2^q` in metres: one number for each square of `2^group` intervals,
-    /// `group >= q`.
+    /// Largest displacement of cells of spacing `2^q` in metres: one number for each square of
+    /// `2^group` intervals, `group >= q`.
     pub fn displacements(&self, q: u32, group: u32) -> Grid {
         let along = |samples: u64| (((samples - 1) >> group) + 1).min(self.full.side >> group) as usize;
         let (columns, rows) = (along(self.full.raster.0), along(self.full.raster.1));
@@ -58,8 +59,8 @@ impl<'a> Outline<'a> {
         Grid { columns, values }
     }
 
-    /// The outline at its nearest to a point, or some of it that is `enough` metres away at most. `near` is a cell to look at
-    /// first.
+    /// The outline at its nearest to a point, or some of it that is `enough` metres away at most.
+    /// `near` is a cell to look at first.
     fn nearest(&self, point: Point, near: [u64; 2], enough: f64) -> Nearest {
         let mut best = Nearest { metres: f64::INFINITY, block: near };
         self.nearest_in(0, near, point, enough, &mut best);
@@ -98,7 +99,8 @@ impl<'a> Outline<'a> {
         self.ground.to_block(point, start, start.map(|v| v + side))
     }
 
-    /// Pieces of the outline in a unit cell: between the midpoints of the sides of a triangle that join unlike samples.
+    /// Pieces of the outline in a unit cell: between the midpoints of the sides of a triangle that
+    /// join unlike samples.
     pub fn segments(&self, [x, y]: [u64; 2]) -> impl Iterator<Item = [[f64; 2]; 2]> {
         let valid = self.valid(x, y);
         let cell = Cell::new(1, x, y);
@@ -186,7 +188,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// No fewer metres than from any point of a block to the outline: there is a piece of it in the cell found last.
+    /// No fewer metres than from any point of a block to the outline: there is a piece of it in the
+    /// cell found last.
     fn reach(&self, centre: Point, half: f64) -> f64 {
         let segments = self.outline.segments(self.near);
         segments.map(|[end, _]| self.outline.ground.reach(centre, half, end)).fold(f64::INFINITY, f64::min)
@@ -211,8 +214,9 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Distances of the points of a misdrawn polygon that stand on quarters; its corners are among them. Misdrawn is what is
-    /// shown as drawn and hidden at full resolution, or, with `sign` -1, the other way round.
+    /// Distances of the points of a misdrawn polygon that stand on quarters; its corners are among
+    /// them. Misdrawn is what is shown as drawn and hidden at full resolution, or, with `sign` -1,
+    /// the other way round.
     fn measure(&mut self, fine: &Fine, valid: [bool; 4], sign: i64, block: [u64; 2]) {
         let under = fine.within(self.cell);
         for (x, y) in (0..5).flat_map(|y| (0..5).map(move |x| (x, y))) {

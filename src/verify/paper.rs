@@ -1,7 +1,9 @@
-//! Metric `paper`, transcribed from Table 4.1 of the dissertation, for all tiles from the leaves to the root.
+//! Metric `paper`, transcribed from Table 4.1 of the dissertation, for all tiles from the leaves to
+//! the root.
 //!
-//! Going to spacing `s` drops every vertex that the coarser lattice lacks. It stood in the middle of an edge `AB` of that
-//! lattice: a side of a cell, or, at the centre of one, either of its diagonals.
+//! Going to spacing `s` drops every vertex that the coarser lattice lacks. It stood in the middle
+//! of an edge `AB` of that lattice: a side of a cell, or, at the centre of one, either of its
+//! diagonals.
 
 use std::collections::HashMap;
 
@@ -34,7 +36,8 @@ pub(super) fn level(
     ids.par_iter().map(|&id| (id, Tile { reader, full, id, metres }.errors(below))).collect()
 }
 
-/// True if a stored code is that of `metres`, rounded up; arithmetic may have moved `metres` a little, upwards on purpose.
+/// True if a stored code is that of `metres`, rounded up; arithmetic may have moved `metres` a
+/// little, upwards on purpose.
 pub(super) fn is_code_of(code: u16, metres: f64) -> bool {
     (code_from_metres(metres * (1.0 - 1e-9))..=code_from_metres(metres * (1.0 + 2.5e-9))).contains(&code)
 }

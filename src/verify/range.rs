@@ -1,8 +1,10 @@
-//! Height ranges of the index (specification, section 6): no wider than the heights that they are of.
+//! Height ranges of the index (specification, section 6): no wider than the heights that they are
+//! of.
 //!
-//! That a range holds its heights is checked where the heights are. Here it must not hold more: a renderer that trusts it would draw what it
-//! need not, and a picker would look in the wrong place. A reader cannot tell fills from samples that stand for nothing, so without full
-//! resolution all samples of a tile count.
+//! That a range holds its heights is checked where the heights are. Here it must not hold more: a
+//! renderer that trusts it would draw what it need not, and a picker would look in the wrong place.
+//! A reader cannot tell fills from samples that stand for nothing, so without full resolution all
+//! samples of a tile count.
 
 use super::report::{Check, Place};
 use crate::container::directory::TileEntry;

@@ -13,7 +13,8 @@ use crate::sample::{Lattice, SampleType, VALID};
 use crate::source::{Rect, Source};
 use crate::tile::TileId;
 
-/// What the header says, then the samples, in bands of at most `shape` within each row of leaf tiles.
+/// What the header says, then the samples, in bands of at most `shape` within each row of leaf
+/// tiles.
 pub(super) fn check(
     reader: &Reader,
     source: &dyn Source,
@@ -42,7 +43,8 @@ pub(super) fn check(
             let band = Band::decode(reader, &columns, (row..south, y), &tiles, &mut samples)?;
             band.compare(source, &rule, &mut samples)?;
             if cut {
-                // What a sweep would keep of each part for the next band is more than there is room for.
+                // What a sweep would keep of each part for the next band is more than there is room
+                // for.
                 source.release();
             }
         }
@@ -65,8 +67,8 @@ fn pieces(ranges: Vec<Range<u32>>, most: u32) -> (Vec<Range<u32>>, bool) {
     (cut, is_cut)
 }
 
-/// Columns of samples of some rows where there are tiles, or where the source may have samples: ascending, apart. All else is void on
-/// both sides.
+/// Columns of samples of some rows where there are tiles, or where the source may have samples:
+/// ascending, apart. All else is void on both sides.
 fn to_compare(
     header: &Header,
     tiles: &[u32],
@@ -140,7 +142,8 @@ impl Rule {
         Self { kind, nodata: header.nodata, error: header.quantisation_error }
     }
 
-    /// True if a sample is void for the nodata value: GDAL's comparison, taken from its source (`GDALNoDataMaskBand`).
+    /// True if a sample is void for the nodata value: GDAL's comparison, taken from its source
+    /// (`GDALNoDataMaskBand`).
     fn is_nodata(&self, sample: f64) -> bool {
         const ULPS: f32 = 2.0;
         let Some(nodata) = self.nodata else { return false };
@@ -197,7 +200,8 @@ struct Band {
 }
 
 impl Band {
-    /// Puts those of the leaves `tiles` of tile row `y` together that meet `columns`. Where no tile is, all is void.
+    /// Puts those of the leaves `tiles` of tile row `y` together that meet `columns`. Where no tile
+    /// is, all is void.
     fn decode(
         reader: &Reader,
         columns: &Range<u32>,

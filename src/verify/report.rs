@@ -1,6 +1,7 @@
 //! What a verification found: checks with counts, and the first problems of each with their places.
 //!
-//! A finding is data. A check that could not be made says why in its note; it is not a problem by itself.
+//! A finding is data. A check that could not be made says why in its note; it is not a problem by
+//! itself.
 
 use std::fmt;
 
@@ -65,7 +66,8 @@ impl Check {
         Self::new(self.name, self.unit, self.keep)
     }
 
-    /// Adds what was found in a part of the work. Parts joined in a fixed order give a fixed report.
+    /// Adds what was found in a part of the work. Parts joined in a fixed order give a fixed
+    /// report.
     pub(super) fn join(&mut self, part: Self) {
         self.looked_at += part.looked_at;
         self.problems += part.problems;
@@ -223,9 +225,9 @@ pub struct Tightness {
     pub horizontal: Option<Ratios>,
 }
 
-/// A distribution of stored / true, over the patches whose true error is not small: above 1/256 of the largest of
-/// the level and step. Since errors are monotone, the true one is taken as the largest of this and all finer steps.
-/// Percentiles by nearest rank.
+/// A distribution of stored / true, over the patches whose true error is not small: above 1/256 of
+/// the largest of the level and step. Since errors are monotone, the true one is taken as the
+/// largest of this and all finer steps. Percentiles by nearest rank.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Ratios {
     /// Patches counted.

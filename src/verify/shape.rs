@@ -1,8 +1,9 @@
 //! Geometry of drawn and full surfaces in whole numbers.
 //!
-//! Within a cell everything is counted in quarters of a sample interval. There all corners of what is shown or hidden have whole
-//! coordinates: fine outlines run between midpoints of edges, drawn ones too, and where both cross within a fine
-//! triangle (at twice its spacing only) they halve such pieces once more.
+//! Within a cell everything is counted in quarters of a sample interval. There all corners of what
+//! is shown or hidden have whole coordinates: fine outlines run between midpoints of edges, drawn
+//! ones too, and where both cross within a fine triangle (at twice its spacing only) they halve
+//! such pieces once more.
 
 use super::full::Full;
 
@@ -31,8 +32,8 @@ impl Cell {
         Self { side: 4 * s as i64, falling: (column + row).is_multiple_of(2) }
     }
 
-    /// Corners (0 north-west, 1 north-east, 2 south-west, 3 south-east) of a triangle; triangle 0 holds the north-east one
-    /// (falling) or the north-west one.
+    /// Corners (0 north-west, 1 north-east, 2 south-west, 3 south-east) of a triangle; triangle 0
+    /// holds the north-east one (falling) or the north-west one.
     pub fn corners(self, triangle: usize) -> [usize; 3] {
         match (self.falling, triangle) {
             (true, 0) => [0, 1, 3],
@@ -59,7 +60,8 @@ impl Cell {
         }
     }
 
-    /// How much more than half valid a point is: positive where the surface is shown, 0 on its outline.
+    /// How much more than half valid a point is: positive where the surface is shown, 0 on its
+    /// outline.
     pub fn shown(self, triangle: usize, valid: [bool; 4], point: Point) -> i64 {
         let weights = self.weights(triangle, point);
         let sum: i64 =
@@ -161,7 +163,8 @@ impl Polygon {
     }
 }
 
-/// Which blocks of unit cells have valid and void samples, for blocks of 1, 2, 4 .. cells up to the root square. A block is closed.
+/// Which blocks of unit cells have valid and void samples, for blocks of 1, 2, 4 .. cells up to the
+/// root square. A block is closed.
 pub(super) struct Occupancy {
     /// Columns, rows and bits of each size.
     sizes: Vec<(usize, usize, Vec<u8>)>,

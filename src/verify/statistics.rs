@@ -16,7 +16,8 @@ use crate::error_code::metres_from_code;
 const SLACK: f64 = 1e-9;
 /// Writers round spacings up by what their own arithmetic can be off by.
 const ROUNDED_UP: f64 = 1.5e-9;
-/// Metres that a spacing may be off by: at a pole the rounding of a right angle is all that is left of a parallel.
+/// Metres that a spacing may be off by: at a pole the rounding of a right angle is all that is left
+/// of a parallel.
 const SLACK_M: f64 = 1e-6;
 
 /// What was counted, by level.
@@ -81,7 +82,8 @@ impl Recount {
         }
     }
 
-    /// Holds the count against what the file says. If not all tiles could be read there is nothing to compare.
+    /// Holds the count against what the file says. If not all tiles could be read there is nothing
+    /// to compare.
     pub fn check(&self, reader: &Reader, whole: bool, keep: usize) -> Result<Check> {
         let mut check = Check::new("statistics", "numbers", keep);
         if !whole {

@@ -9,7 +9,8 @@ use super::shape::Occupancy;
 use super::vertical::Surfaces;
 use crate::sample::{VALID, VOID};
 
-/// Validity and height of the surface drawn at spacing `s`, straight from section 2 of the specification.
+/// Validity and height of the surface drawn at spacing `s`, straight from section 2 of the
+/// specification.
 fn surface(full: &Full, s: u64, x: f64, y: f64) -> (f64, f64) {
     let last = full.side / s - 1;
     let (i, j) = (((x / s as f64) as u64).min(last), ((y / s as f64) as u64).min(last));

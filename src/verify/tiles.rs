@@ -1,7 +1,8 @@
-//! Tile by tile, as the index is walked: chunks, flags, error tables, shared borders, and what parents owe their children.
+//! Tile by tile, as the index is walked: chunks, flags, error tables, shared borders, and what
+//! parents owe their children.
 //!
-//! Memory is what a batch of tiles and the borders in waiting take, whatever the size of the file; only with `deep` the error
-//! tables are kept.
+//! Memory is what a batch of tiles and the borders in waiting take, whatever the size of the file;
+//! only with `deep` the error tables are kept.
 
 use std::collections::BTreeMap;
 
@@ -119,7 +120,8 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Looks at the tiles of the batch: in parallel as far as each is on its own, then in their order.
+    /// Looks at the tiles of the batch: in parallel as far as each is on its own, then in their
+    /// order.
     fn work_off(&mut self) -> Result<()> {
         let batch = std::mem::take(&mut self.batch);
         let (reader, keep) = (self.reader, self.keep);
@@ -270,7 +272,8 @@ fn inspect(reader: &Reader, entry: TileEntry, keep: usize) -> Result<Inspected> 
     Ok(Inspected { entry, table, border, valid, range_m, hull, chunks, structure })
 }
 
-/// Valid samples that belong to this tile alone (shared ones belong to the tile that begins with them), and the range of all.
+/// Valid samples that belong to this tile alone (shared ones belong to the tile that begins with
+/// them), and the range of all.
 fn census(header: &Header, id: TileId, lattice: &Lattice) -> (u64, Option<(f64, f64)>) {
     let last = (1_u32 << id.level) - 1;
     let (columns, rows) = (lattice.n + usize::from(id.x == last), lattice.n + usize::from(id.y == last));

@@ -1,4 +1,5 @@
-//! Decoded values against what the header says of the source: an export must be able to write each of them, and read it back as valid.
+//! Decoded values against what the header says of the source: an export must be able to write each
+//! of them, and read it back as valid.
 
 use super::report::{Check, Place};
 use crate::container::directory::TileEntry;

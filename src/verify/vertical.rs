@@ -1,7 +1,8 @@
 //! True vertical deviations by brute force: every fine triangle against the triangle drawn over it.
 //!
-//! Drawn triangles are unions of fine ones, so the difference of the two surfaces is linear on each fine triangle, and
-//! largest at a corner of its part that is shown on both. Integer codes are compared without any rounding.
+//! Drawn triangles are unions of fine ones, so the difference of the two surfaces is linear on each
+//! fine triangle, and largest at a corner of its part that is shown on both. Integer codes are
+//! compared without any rounding.
 
 use std::ops::{Add, Sub};
 
@@ -60,8 +61,9 @@ impl<'a> Surfaces<'a> {
         Self { full, occupancy, shrink: if largest > 1e200 { 0.5_f64.powi(100) } else { 1.0 } }
     }
 
-    /// Largest deviation of cells of spacing `2^q`, in numbers (codes of integers, values of floats): one number for each
-    /// square of `2^group` intervals, `group >= q`. For floats it is rounded down by more than arithmetic may have lost.
+    /// Largest deviation of cells of spacing `2^q`, in numbers (codes of integers, values of
+    /// floats): one number for each square of `2^group` intervals, `group >= q`. For floats it is
+    /// rounded down by more than arithmetic may have lost.
     pub fn deviations(&self, q: u32, group: u32) -> Grid {
         let along = |samples: u64| (((samples - 1) >> group) + 1).min(self.full.side >> group) as usize;
         let (columns, rows) = (along(self.full.raster.0), along(self.full.raster.1));
@@ -139,7 +141,8 @@ impl Drawn {
         let (s, [a, b, c, d]) = (self.s, corners);
         let mut worst = 0.0_f64;
         for y in 0..=s {
-            // The drawn height times s along a row is base + slope x, west and east of the diagonal.
+            // The drawn height times s along a row is base + slope x, west and east of the
+            // diagonal.
             let west = a.times(s - y) + c.times(y);
             let (split, slopes, east) = if self.cell.falling {
                 (y, [d - c, b - a], a.times(s) - b.times(y) + d.times(y))

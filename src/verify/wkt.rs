@@ -1,5 +1,5 @@
-//! What can be read off a WKT without knowing coordinate systems: its kind, its code, its ellipsoid, its unit. By code of its own: the source's
-//! reading of WKT is what it is held against.
+//! What can be read off a WKT without knowing coordinate systems: its kind, its code, its
+//! ellipsoid, its unit. By code of its own: the source's reading of WKT is what it is held against.
 
 use crate::geo::{CrsKind, Ellipsoid};
 

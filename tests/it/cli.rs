@@ -204,7 +204,8 @@ fn a_full_disk_leaves_nothing() {
     fails(&output, &["out.rlv"], folder.path(), &[]);
 }
 
-/// A folder that the user may not write to; root may, so there the test looks at a read-only system folder.
+/// A folder that the user may not write to; root may, so there the test looks at a read-only system
+/// folder.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_read_only_folder_is_named() {

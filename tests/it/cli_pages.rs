@@ -1,4 +1,5 @@
-//! What people read: every page fits 80 columns, says what is wrong in words, and is as loud as it was asked to be.
+//! What people read: every page fits 80 columns, says what is wrong in words, and is as loud as it
+//! was asked to be.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -37,7 +38,8 @@ fn page(folder: &Path, args: &[&str]) -> String {
     out
 }
 
-/// DEMs of several kinds by short names: floats and integers, voids, in degrees and metres, small and with many tiles.
+/// DEMs of several kinds by short names: floats and integers, voids, in degrees and metres, small
+/// and with many tiles.
 fn dems(folder: &Path) -> Vec<String> {
     let mut names = Vec::new();
     for entry in fs::read_dir(fixture("dem")).expect("fixtures") {

@@ -1,5 +1,5 @@
-//! Coordinate systems as their owners meant them: what files say of themselves, and what becomes of it in a build and an
-//! export. What is right is what GDAL 3.6.2 reads.
+//! Coordinate systems as their owners meant them: what files say of themselves, and what becomes of
+//! it in a build and an export. What is right is what GDAL 3.6.2 reads.
 
 use std::path::{Path, PathBuf};
 

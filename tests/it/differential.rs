@@ -1,9 +1,11 @@
-//! What Relevo takes a raster for, against GDAL's reading of it: `tests/differential.py`, some hundred rasters.
+//! What Relevo takes a raster for, against GDAL's reading of it: `tests/differential.py`, some
+//! hundred rasters.
 
 use std::path::Path;
 use std::process::Command;
 
-/// A Python that has GDAL's bindings: the first of the path may be another than Debian's, which has them.
+/// A Python that has GDAL's bindings: the first of the path may be another than Debian's, which has
+/// them.
 fn python() -> &'static str {
     let has = |name: &&str| {
         Command::new(name)

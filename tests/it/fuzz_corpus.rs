@@ -1,4 +1,5 @@
-//! The corpus of the fuzzers as ordinary cases: every input runs through its target (`fuzz/README.md`).
+//! The corpus of the fuzzers as ordinary cases: every input runs through its target
+//! (`fuzz/README.md`).
 
 use std::fs;
 use std::path::Path;

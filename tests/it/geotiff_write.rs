@@ -1,4 +1,5 @@
-//! The GeoTIFF writer against GDAL: what `gdalinfo` and `gdal_translate` read back is what was written.
+//! The GeoTIFF writer against GDAL: what `gdalinfo` and `gdal_translate` read back is what was
+//! written.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -43,7 +44,8 @@ fn pixels(path: &Path, sample_type: SampleType) -> Vec<u8> {
     let raw = path.with_extension("raw");
     let (path, raw_path) = (path.to_str().unwrap(), raw.to_str().unwrap());
     if sample_type == SampleType::Int8 {
-        // ENVI has no signed bytes, and GDAL before 3.7 takes them for unsigned: the low byte is theirs either way.
+        // ENVI has no signed bytes, and GDAL before 3.7 takes them for unsigned: the low byte is
+        // theirs either way.
         gdal("gdal_translate", &["-q", "-of", "ENVI", "-ot", "Int16", path, raw_path]);
         return std::fs::read(raw).unwrap().into_iter().step_by(2).collect();
     }

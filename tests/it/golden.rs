@@ -1,7 +1,8 @@
-//! Files of every version of the format, made by the program of the time, are read as that program read them.
+//! Files of every version of the format, made by the program of the time, are read as that program
+//! read them.
 //!
-//! The digests were taken with the program that made the files: of each tile, coarse ones first, the states, codes and lows of
-//! its samples, and the codes of its error table.
+//! The digests were taken with the program that made the files: of each tile, coarse ones first,
+//! the states, codes and lows of its samples, and the codes of its error table.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -22,8 +23,9 @@ const VERSION_1: [(&str, &str, &str); 7] = [
     ("uint32_voids", "bc981652013820c2", "cff6bc6ad328afab"),
 ];
 
-/// The same of version 2, made by the program of the day before the crates were parted, and of imagery the texels. The
-/// digests are of the day after; heights of the last two are those of `rmnp_dem_uint16` above.
+/// The same of version 2, made by the program of the day before the crates were parted, and of
+/// imagery the texels. The digests are of the day after; heights of the last two are those of
+/// `rmnp_dem_uint16` above.
 const VERSION_2: [(&str, &str, &str, &str); 3] = [
     ("int16_voids", "ef31fe9075647a8d", "38a701cfa2099e06", "e3b0c44298fc1c14"),
     ("uint16_imagery", "2d176d1a90aa00bd", "3f90cf2f6498f74d", "19ee3145cd150842"),
@@ -98,7 +100,8 @@ fn files_of_version_2_are_read_as_before() {
     assert_eq!(read, expected);
 }
 
-/// Files with something wrong each: the reader says what, or, where only a chunk is damaged, the check finds it.
+/// Files with something wrong each: the reader says what, or, where only a chunk is damaged, the
+/// check finds it.
 #[test]
 fn corrupt_files_are_refused_by_name() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/corrupt");

@@ -1,4 +1,5 @@
-//! The tables of loaded tiles cover every mesh that is drawn: by brute force, over every triangle of every edge mask.
+//! The tables of loaded tiles cover every mesh that is drawn: by brute force, over every triangle
+//! of every edge mask.
 
 use crate::support::terrain::{self, Kind, Memory};
 use crate::support::truth::{Built, Drawn, Truth, fixture, nearest, open};
@@ -168,7 +169,8 @@ fn tables_cover_what_heights_lose_on_their_way() {
     }
 }
 
-/// A peak that is hidden at every uniform step of a coarse tile and not by a half-step triangle: no error of the file knows of it.
+/// A peak that is hidden at every uniform step of a coarse tile and not by a half-step triangle: no
+/// error of the file knows of it.
 #[test]
 fn a_peak_that_only_half_a_step_shows_is_covered() {
     let mut source = terrain::int16(65, 65, Kind::Framed, 0);

@@ -1,5 +1,6 @@
-//! Stored horizontal errors against the definition in metres (`format-spec.md`, section 2), by an oracle that shares no code with the
-//! program: long pixels, sheared ones, high latitudes, tiles that reach beyond the raster and beyond the pole.
+//! Stored horizontal errors against the definition in metres (`format-spec.md`, section 2), by an
+//! oracle that shares no code with the program: long pixels, sheared ones, high latitudes, tiles
+//! that reach beyond the raster and beyond the pole.
 
 mod ground;
 mod oracle;
@@ -92,7 +93,8 @@ fn built(memory: &Memory, (tile, patch): (u32, u32), folder: &Path) -> Reader {
 /// Patches that are small beside their tile, and one that is all of it.
 const SIZES: [(u32, u32); 2] = [(16, 4), (16, 16)];
 
-/// The stored errors of rasters of one place, all kinds of voids, by [`SIZES`]. None may be below the truth.
+/// The stored errors of rasters of one place, all kinds of voids, by [`SIZES`]. None may be below
+/// the truth.
 fn measured(place: &Place) -> [Vec<Ratio>; 2] {
     let of_kind = |kind| {
         let memory = raster(place, (31, 29), kind, 1);
@@ -144,12 +146,12 @@ fn a_tile_that_ends_far_from_the_raster_is_measured_where_it_is() {
     }
 }
 
-/// Places where the 99th percentile beside the smallest table of all is known to be above 2: at most
-/// this inside and at the raster's edge, by the worse of [`SIZES`]. With 16 such pixels to a tile the
-/// nearest piece of the outline often lies in the next leaf tile, at the end of a short side of a
-/// pixel, and the builder sees one leaf tile at a time: it takes the nearest one within, at the end
-/// of a long side. (Found with the oracle's `of_tile`, which is confined likewise: beside that no
-/// place is above 2.) It takes the samples of the neighbours to do better.
+/// Places where the 99th percentile beside the smallest table of all is known to be above 2: at
+/// most this inside and at the raster's edge, by the worse of [`SIZES`]. With 16 such pixels to a
+/// tile the nearest piece of the outline often lies in the next leaf tile, at the end of a short
+/// side of a pixel, and the builder sees one leaf tile at a time: it takes the nearest one within,
+/// at the end of a long side. (Found with the oracle's `of_tile`, which is confined likewise:
+/// beside that no place is above 2.) It takes the samples of the neighbours to do better.
 const CONFINED: [(&str, [f64; 2]); 5] = [
     ("1:50", [10.1, 3.1]),
     ("50:1", [4.3, 11.5]),
@@ -158,11 +160,11 @@ const CONFINED: [(&str, [f64; 2]); 5] = [
     ("latitude 81 to 89", [5.0, 2.4]),
 ];
 
-/// Of all places and both sizes, inside and at the raster's edge: no stored error is below the truth;
-/// the 99th percentile is at most twice the smallest monotone table that knows the outline within a
-/// leaf tile, the median 1.1 times; and but for [`CONFINED`] the 99th percentile is at most twice the
-/// smallest table that knows the whole outline. `HORIZONTAL_FIGURES=1` (with `--nocapture`) prints the
-/// median, the 99th percentile and the most of each.
+/// Of all places and both sizes, inside and at the raster's edge: no stored error is below the
+/// truth; the 99th percentile is at most twice the smallest monotone table that knows the outline
+/// within a leaf tile, the median 1.1 times; and but for [`CONFINED`] the 99th percentile is at
+/// most twice the smallest table that knows the whole outline. `HORIZONTAL_FIGURES=1` (with
+/// `--nocapture`) prints the median, the 99th percentile and the most of each.
 #[test]
 fn stored_errors_are_true_and_near_the_smallest_monotone_table() {
     let prints = std::env::var_os("HORIZONTAL_FIGURES").is_some();

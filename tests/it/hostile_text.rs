@@ -1,5 +1,5 @@
-//! Text of files on its way to a terminal: no command lets through what moves a cursor, changes a colour, turns letters round, or makes
-//! a line of its own.
+//! Text of files on its way to a terminal: no command lets through what moves a cursor, changes a
+//! colour, turns letters round, or makes a line of its own.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -122,7 +122,8 @@ fn names_that_are_no_unicode_are_names() {
     }
     with(&["verify"], &[rlv, OsStr::new("--source"), tif], &[]);
 
-    // Outputs that nobody named have the names of their inputs, byte for byte, so that no two are the same.
+    // Outputs that nobody named have the names of their inputs, byte for byte, so that no two are
+    // the same.
     let other = folder.path().join(OsStr::from_bytes(b"d\xe5m.tif"));
     fs::copy(&dem, &other).expect("a copy");
     let both = folder.path().join("both");

@@ -1,4 +1,5 @@
-//! The imagery layer from texels on: writer, reader, `relevo add`, exports, damage. Tiles are cut from a picture that is known as a whole.
+//! The imagery layer from texels on: writer, reader, `relevo add`, exports, damage. Tiles are cut
+//! from a picture that is known as a whole.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -496,7 +497,8 @@ fn what_is_not_there_is_an_error_of_usage() {
     }
 }
 
-/// What the independent reader says of the imagery: lines of tiles and of hashes, `-` for what it could not decode.
+/// What the independent reader says of the imagery: lines of tiles and of hashes, `-` for what it
+/// could not decode.
 #[test]
 fn an_independent_reader_agrees() {
     let (_folder, path) = begin();
@@ -650,7 +652,8 @@ fn transparency_survives_in_every_codec() {
         }
         let [clear, between, opaque] = degrees;
         assert!(clear > 0 && opaque > 0, "{codec}, {alpha_band}: {degrees:?}");
-        // A lossy codec keeps degrees where the picture has them; edges that only resampling has softened are cut out.
+        // A lossy codec keeps degrees where the picture has them; edges that only resampling has
+        // softened are cut out.
         let cut_out = !alpha_band && matches!(codec, "jpeg" | "bc1");
         assert_eq!(between == 0, cut_out, "{codec}, {alpha_band}: {degrees:?}");
     }

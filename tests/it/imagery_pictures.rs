@@ -379,7 +379,8 @@ fn wide_samples_are_stretched_by_one_rule() {
             "{band}: {got:?}"
         );
     }
-    // Two per cent at either end, unless told otherwise; counted on a part of the values, and at the white border.
+    // Two per cent at either end, unless told otherwise; counted on a part of the values, and at
+    // the white border.
     let (picture, pixels) = with(None);
     let low = picture.info().note.stretch[0].0;
     let below = all.iter().step_by(3).filter(|&&v| 1000.0 + 13.0 * f64::from(v) < low).count();

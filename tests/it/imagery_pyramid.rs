@@ -1,4 +1,5 @@
-//! The pyramid of pictures, held against what its documentation says, texel by texel, in float64 and without any cleverness.
+//! The pyramid of pictures, held against what its documentation says, texel by texel, in float64
+//! and without any cleverness.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -265,7 +266,8 @@ fn check_leaves(tiles: &Tiles, picture: &Painting, geo: &Geo, intervals: u64) {
     }
 }
 
-/// Parents are means of their children, gutters what the neighbours have, and tiles exist where something shows.
+/// Parents are means of their children, gutters what the neighbours have, and tiles exist where
+/// something shows.
 fn check_structure(tiles: &Tiles) {
     let side = i64::from(TILE);
     for (id, (children, texels)) in tiles {

@@ -1,5 +1,5 @@
-//! The order of the modules of this crate: each knows those before it, so that data flows one way. The crates keep the rest:
-//! `relevo-core` knows no raster, no thread pool and no command line.
+//! The order of the modules of this crate: each knows those before it, so that data flows one way.
+//! The crates keep the rest: `relevo-core` knows no raster, no thread pool and no command line.
 
 use std::fs;
 use std::path::{Path, PathBuf};

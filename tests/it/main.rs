@@ -1,5 +1,5 @@
-//! Everything that is asked of the library and of the program from outside, in one crate: what several tests share is in
-//! `support`, and it is linked once.
+//! Everything that is asked of the library and of the program from outside, in one crate: what
+//! several tests share is in `support`, and it is linked once.
 
 #![allow(
     clippy::expect_used,
@@ -13,6 +13,7 @@ mod support;
 mod cli;
 mod cli_json;
 mod cli_pages;
+mod comments;
 mod container;
 mod crs;
 mod differential;

@@ -17,7 +17,8 @@ use relevo::source::{self, Samples};
 
 const WIDTH: u32 = 8193;
 const HEIGHT: u32 = 1100;
-/// GDAL and the libraries that it needs, as soon as the program is started: they are not in the estimate.
+/// GDAL and the libraries that it needs, as soon as the program is started: they are not in the
+/// estimate.
 const LIBRARIES: u64 = if cfg!(feature = "gdal") { 48 << 20 } else { 0 };
 
 /// Rough terrain, wide, with voids of all sizes.
@@ -60,7 +61,8 @@ fn peak(folder: &Path, options: &[&str]) -> u64 {
     took
 }
 
-/// Runs a command: true if it does its work (a check may find problems), the bytes that it took, and what it says of errors.
+/// Runs a command: true if it does its work (a check may find problems), the bytes that it took,
+/// and what it says of errors.
 fn watch(command: &mut Command) -> (bool, u64, String) {
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("runs");
     let mut peak = 0;
@@ -91,7 +93,8 @@ fn program(folder: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// Refuses a command with too little memory, then gives it what the refusal asks for: it must keep to that. MiB that it was given.
+/// Refuses a command with too little memory, then gives it what the refusal asks for: it must keep
+/// to that. MiB that it was given.
 fn keeps_to_what_it_asks_for(folder: &Path, arguments: &[&str]) -> u64 {
     let mut limit = 1;
     for _ in 0..6 {

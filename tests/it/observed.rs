@@ -1,4 +1,5 @@
-//! What a picture is off by: as measured in the plainest way, and never more than the tables promise.
+//! What a picture is off by: as measured in the plainest way, and never more than the tables
+//! promise.
 
 use crate::support::selection::{Random, cut, levels, selection};
 use crate::support::terrain::{self, Kind, Memory};

@@ -1,4 +1,5 @@
-//! Outputs: never over what is read, under whatever name; and what is refused is refused before the work.
+//! Outputs: never over what is read, under whatever name; and what is refused is refused before the
+//! work.
 
 #![cfg(unix)]
 
@@ -215,7 +216,8 @@ fn imagery_is_not_laid_over_another_terrain() {
     use relevo::pipeline::{Observer, Stage};
     use relevo::source::picture::{PictureOptions, open_all};
 
-    /// Puts another file in the place of the one that is worked on, once its imagery is being written.
+    /// Puts another file in the place of the one that is worked on, once its imagery is being
+    /// written.
     struct Replace(PathBuf, PathBuf);
     impl Observer for Replace {
         fn rows(&self, stage: Stage, _: u64, _: u64) {

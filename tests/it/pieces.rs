@@ -13,7 +13,8 @@ use relevo::pipeline::{self, BuildOptions, Silent};
 use relevo::sample::SampleType;
 use relevo::source::{self, Samples};
 
-/// A GeoTIFF of hills with lakes of voids; `share` of 16 samples in the lakes' neighbourhood are void.
+/// A GeoTIFF of hills with lakes of voids; `share` of 16 samples in the lakes' neighbourhood are
+/// void.
 fn dem(path: &Path, (width, height): (u32, u32), seed: u32, kind: SampleType) {
     let geo = Geo { transform: Some([7.0, 0.001, 0.0, 47.0, 0.0, -0.001]), ..Geo::default() };
     let mut spec = GeotiffSpec::new(width, height, kind, &geo);

@@ -1,4 +1,5 @@
-//! Does a reader stay small and quick whatever the size of the file? Counted, not timed: bytes read, tiles decoded.
+//! Does a reader stay small and quick whatever the size of the file? Counted, not timed: bytes
+//! read, tiles decoded.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -111,7 +112,8 @@ fn opening_reads_the_first_64_kib_whatever_the_number_of_tiles() {
         // A few bytes more: counting is not exact to the digit.
         assert!(read.is_none_or(|read| read <= OPENING + 100), "{read:?} bytes for {side}");
     }
-    // And it needs nothing else: with everything behind destroyed the file still opens, and says so when it is used.
+    // And it needs nothing else: with everything behind destroyed the file still opens, and says so
+    // when it is used.
     let path = folder.path().join("1025_Int16.rlv");
     let mut bytes = std::fs::read(&path).expect("read");
     assert!(bytes.len() as u64 > 4 * OPENING);

@@ -29,7 +29,8 @@ fn fixtures() -> [PathBuf; 2] {
     ["co_elevation_float32_lzw.tif", "rmnp_dem_uint16.tif"].map(|name| root().join("fixtures/dem").join(name))
 }
 
-/// Builds a DEM and checks the file against it, every error by brute force. Returns the report and the file's length.
+/// Builds a DEM and checks the file against it, every error by brute force. Returns the report and
+/// the file's length.
 fn build(dem: &Path, options: &BuildOptions) -> (VerifyReport, u64) {
     checked(dem, options, true)
 }
@@ -61,7 +62,8 @@ fn bundled_dems_hold_every_promise_in_many_shapes() {
     }
 }
 
-/// Builds shared rasters, every error by brute force: none below the truth, and vertical ones near it.
+/// Builds shared rasters, every error by brute force: none below the truth, and vertical ones near
+/// it.
 fn hold_every_promise(names: &[&str]) {
     for name in names {
         let Some(dem) = shared(name) else { continue };
@@ -92,7 +94,8 @@ fn shared_dems_with_many_voids_hold_every_promise() {
     ]);
 }
 
-/// From pole to pole: without brute force, which takes minutes where every meridian ends in one point.
+/// From pole to pole: without brute force, which takes minutes where every meridian ends in one
+/// point.
 #[test]
 fn the_whole_earth_is_built_and_read() {
     let Some(dem) = shared("etopo20_world_bathymetry_float32.tif") else { return };

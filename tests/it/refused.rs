@@ -1,4 +1,5 @@
-//! Inputs and files with numbers that no reader can use: refused by name, before there is an output, and in little memory.
+//! Inputs and files with numbers that no reader can use: refused by name, before there is an
+//! output, and in little memory.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! Builds that are killed, stopped, or fail part of the way, and are resumed: the same bytes as those of one that ran through.
+//! Builds that are killed, stopped, or fail part of the way, and are resumed: the same bytes as
+//! those of one that ran through.
 
 #![cfg(unix)]
 
@@ -276,7 +277,8 @@ fn two_builds_of_one_output() {
     case.is_whole();
 }
 
-/// Runs the build under a limit of the size of a file, which stands for a full disk: the system call fails in the middle.
+/// Runs the build under a limit of the size of a file, which stands for a full disk: the system
+/// call fails in the middle.
 fn with_limit(case: &Case, blocks: u64, more: &str) -> Output {
     let script = format!(
         "trap '' XFSZ; ulimit -f {blocks}; exec '{}' build '{}' -o '{}' {} --progress none --checkpoint 0 {more}",
@@ -321,7 +323,8 @@ fn the_input_is_damaged_or_goes_away_meanwhile() {
     assert!(!case.out().exists());
     restore();
     case.resumes();
-    // Cut short while it is being read, then gone: the build fails or had read it all; it never crashes.
+    // Cut short while it is being read, then gone: the build fails or had read it all; it never
+    // crashes.
     for gone in [false, true] {
         let child = case.begun();
         if gone {

@@ -1,4 +1,5 @@
-//! Selection on random quadtrees with random errors, random cameras and random sets of loaded tiles, against brute force.
+//! Selection on random quadtrees with random errors, random cameras and random sets of loaded
+//! tiles, against brute force.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -78,7 +79,8 @@ fn header(levels: u8, tile_log2: u8, patch_log2: u8) -> Header {
 }
 
 impl Forest {
-    /// Errors are a few metres where the terrain is rough, next to nothing elsewhere; some leaves do not exist.
+    /// Errors are a few metres where the terrain is rough, next to nothing elsewhere; some leaves
+    /// do not exist.
     fn new(random: &mut Random, levels: u8, tile_log2: u8, patch_log2: u8) -> Self {
         let header = header(levels, tile_log2, patch_log2);
         let mut forest =
@@ -143,7 +145,8 @@ impl Forest {
         true
     }
 
-    /// Error of the four patches below patch `at` at the step that step `k` is for them; takes over their heights.
+    /// Error of the four patches below patch `at` at the step that step `k` is for them; takes over
+    /// their heights.
     fn below(&self, table: &mut TileTable, at: usize, k: u32) -> f32 {
         let m = table.patches;
         let (x, y) = (2 * (at as u32 % m), 2 * (at as u32 / m));
@@ -201,7 +204,8 @@ fn square(forest: &Forest, id: TileId) -> [u64; 3] {
     [left, top, u64::from(forest.header.tile() * forest.header.spacing(id.level))]
 }
 
-/// The tiles that are drawn are a cut: no two overlap, and every leaf that is in the picture lies under one.
+/// The tiles that are drawn are a cut: no two overlap, and every leaf that is in the picture lies
+/// under one.
 fn assert_cut(forest: &Forest, selection: &Selection, frame: &Frame, view: &View) {
     let chosen: HashSet<_> = selection.tiles.iter().map(|tile| tile.id).collect();
     assert_eq!(chosen.len(), selection.tiles.len());
@@ -238,7 +242,8 @@ fn segments(forest: &Forest, selection: &Selection) -> Vec<(usize, usize, [u64; 
     out
 }
 
-/// Patches have the same edge number if and only if their edges lie on one another (or on one edge of a coarser tile).
+/// Patches have the same edge number if and only if their edges lie on one another (or on one edge
+/// of a coarser tile).
 fn assert_edges(forest: &Forest, selection: &Selection) {
     let segments = segments(forest, selection);
     let overlap = |a: &[u64; 4], b: &[u64; 4]| {
@@ -402,7 +407,8 @@ proptest! {
         }
     }
 
-    /// Points of a box that are in the picture, moved by errors, move by no more pixels than promised.
+    /// Points of a box that are in the picture, moved by errors, move by no more pixels than
+    /// promised.
     #[test]
     fn nothing_moves_farther_on_the_screen_than_projected(seed: u64) {
         let mut random = Random(seed);

@@ -1,6 +1,8 @@
-//! What a raster is, by its tags and by the files beside it: every pair of places that can say the same, in GDAL's order.
+//! What a raster is, by its tags and by the files beside it: every pair of places that can say the
+//! same, in GDAL's order.
 //!
-//! The expected values are the readings of GDAL 3.6.2 (`gdalinfo`), but for those of `.prj`, which it passes over.
+//! The expected values are the readings of GDAL 3.6.2 (`gdalinfo`), but for those of `.prj`, which
+//! it passes over.
 
 mod pictures;
 mod tiff;

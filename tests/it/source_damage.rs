@@ -1,4 +1,5 @@
-//! Does a damaged, truncated or lying TIFF end in an error, and never in a panic or a hunt for memory?
+//! Does a damaged, truncated or lying TIFF end in an error, and never in a panic or a hunt for
+//! memory?
 
 use std::io::Cursor;
 use std::path::Path;
@@ -106,7 +107,8 @@ fn every_prefix_is_refused() {
     }
 }
 
-/// True if a prefix lacks nothing but (a part of) the last four bytes, or eight of a big file: no next directory.
+/// True if a prefix lacks nothing but (a part of) the last four bytes, or eight of a big file: no
+/// next directory.
 fn is_whole_but_for_its_link(file: &[u8], length: usize) -> bool {
     let link = if file[2] == b'+' { 8 } else { 4 };
     length + link >= file.len()

@@ -1,7 +1,7 @@
 //! Does the native reader give what GDAL gives, sample for sample?
 //!
-//! Every variant is written by `gdal_translate` and compared with GDAL's own raw dump. These tests fail without the
-//! GDAL command line tools: a check that is skipped proves nothing.
+//! Every variant is written by `gdal_translate` and compared with GDAL's own raw dump. These tests
+//! fail without the GDAL command line tools: a check that is skipped proves nothing.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -188,7 +188,8 @@ fn every_type_layout_compression_and_byte_order() {
                 if predictor == "3" && !kind.is_float() {
                     continue;
                 }
-                // Byte orders and file sizes take turns, so that each meets each type, layout and compression.
+                // Byte orders and file sizes take turns, so that each meets each type, layout and
+                // compression.
                 turn += 1;
                 let order = orders[(turn + turn / 4) % 4];
                 let own = if predictor == "1" { String::new() } else { format!("-co PREDICTOR={predictor}") };
@@ -200,7 +201,8 @@ fn every_type_layout_compression_and_byte_order() {
                 );
                 let source = open(&path);
                 let (samples, mask) = sweep(source.as_ref());
-                // GDAL 3.6 writes predictor 3 into big-endian files in a way that it does not read back itself.
+                // GDAL 3.6 writes predictor 3 into big-endian files in a way that it does not read
+                // back itself.
                 let broken = predictor == "3" && order.starts_with("BIG");
                 let expected = if broken { dump(&path, "1", folder) } else { expected.clone() };
                 assert!(samples == expected, "{kind:?} {block} {packing} {order}: samples differ");
@@ -440,7 +442,8 @@ fn fixtures_and_shared_rasters() {
     }
 }
 
-/// image-tiff #395: `tiff` 0.11.3 loses its way in long LZW tiles that GDAL writes; ours are decoded by weezl 0.2.
+/// image-tiff #395: `tiff` 0.11.3 loses its way in long LZW tiles that GDAL writes; ours are
+/// decoded by weezl 0.2.
 #[test]
 fn regress_image_tiff_395_large_lzw_with_predictor() {
     let folder = tempfile::tempdir().expect("temporary folder");
@@ -498,7 +501,8 @@ mod through_gdal {
         same(&path);
     }
 
-    /// Builds through the program, in a folder of its own, and checks every sample against the raster.
+    /// Builds through the program, in a folder of its own, and checks every sample against the
+    /// raster.
     fn builds(name: &str, more: &[&str]) -> String {
         let folder = tempfile::tempdir().expect("temporary folder");
         let mut arguments = vec!["build", name, "--verify"];
@@ -697,7 +701,8 @@ mod through_gdal {
         assert!(!info.contains("EPSG:5715") && !info.contains("positive down"), "{info}");
         let info = builds(text, &["--depth", "--vertical-unit", "ft", "--resolution", "0.1"]);
         assert!(info.contains("unit       ft, 0.3048 m"), "{info}");
-        // A survey of 25 m bins, 36.87 degrees off north, in no system at all; depths by the scale of the file.
+        // A survey of 25 m bins, 36.87 degrees off north, in no system at all; depths by the scale
+        // of the file.
         let vrt = folder.path().join("survey.vrt");
         translate("-of VRT -a_nodata none", &fixture("rmnp_dem_uint16.tif"), &vrt);
         let plain = std::fs::read_to_string(&vrt).expect("VRT");

@@ -1,4 +1,5 @@
-//! Inputs that are packed, listed, named by others, or no rasters at all: what is read of them, and what is said.
+//! Inputs that are packed, listed, named by others, or no rasters at all: what is read of them, and
+//! what is said.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

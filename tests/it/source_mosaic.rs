@@ -1,6 +1,8 @@
-//! Do many files read as one? Against a plain loop over all files, against GDAL, and with files that do not fit.
+//! Do many files read as one? Against a plain loop over all files, against GDAL, and with files
+//! that do not fit.
 //!
-//! The comparisons with GDAL fail without its command line tools: a check that is skipped proves nothing.
+//! The comparisons with GDAL fail without its command line tools: a check that is skipped proves
+//! nothing.
 
 mod random;
 mod refused;
@@ -165,7 +167,8 @@ fn a_vrt_and_its_tiles_give_the_same_bytes() {
     let [Some(vrt), Some(west), Some(east)] = names.map(shared) else { return };
     let one = build(&[&vrt], &[], &folder.path().join("vrt.rlv"));
     let two = build(&[&west, &east], &[], &folder.path().join("tiles.rlv"));
-    // All but the metadata, which say where each thing was found: in the VRT, in the keys of the tiles.
+    // All but the metadata, which say where each thing was found: in the VRT, in the keys of the
+    // tiles.
     let parts = |file: &[u8], name: &str| {
         let reader = relevo::container::Reader::open(folder.path().join(name)).expect("container");
         let part = |section: &relevo::container::sections::SectionEntry| {

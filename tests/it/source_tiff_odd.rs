@@ -1,5 +1,6 @@
-//! TIFFs that are odd and read all the same: types, tags and byte counts that are missing, short or said twice, chains of
-//! directories that lead nowhere, of both byte orders, classic and big. Samples are held against what was written.
+//! TIFFs that are odd and read all the same: types, tags and byte counts that are missing, short or
+//! said twice, chains of directories that lead nowhere, of both byte orders, classic and big.
+//! Samples are held against what was written.
 
 mod writer;
 
@@ -335,7 +336,8 @@ fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/failing").join(name)
 }
 
-/// Files that were refused or misread once; their samples are those of the same terrain, as GDAL 3.6.2 reads it.
+/// Files that were refused or misread once; their samples are those of the same terrain, as GDAL
+/// 3.6.2 reads it.
 #[test]
 fn files_that_were_refused_or_misread() {
     let terrain = |name: &str| {

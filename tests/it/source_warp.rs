@@ -1,4 +1,5 @@
-//! Rasters on another grid: is every sample what `gdalwarp` makes of the same request, whatever window is read?
+//! Rasters on another grid: is every sample what `gdalwarp` makes of the same request, whatever
+//! window is read?
 //!
 //! These tests fail without the GDAL command line tools: a check that is skipped proves nothing.
 
@@ -196,7 +197,8 @@ mod through_gdal {
         let ours = samples(&*source);
         let valid = ours.iter().filter(|value| !value.is_nan()).count();
         assert!(valid > 0, "{name}: all void");
-        // The command has the edges as decimals: a coordinate may differ in its last bit, and a height with it.
+        // The command has the edges as decimals: a coordinate may differ in its last bit, and a
+        // height with it.
         let close = |a: f64, b: f64| (a - b).abs() <= 1e-6 * a.abs().max(1.0) || a.is_nan() && b.is_nan();
         let far = ours.iter().zip(&theirs).filter(|&(&a, &b)| !close(a, b)).count();
         assert_eq!(
@@ -258,7 +260,8 @@ mod through_gdal {
             translate(&format!("-ot {kind} {scale} -a_nodata {nodata}"), &dem, &path);
             let source = open(&path, &options(Some("EPSG:32613"), None, Resampling::Bilinear));
             assert_eq!(source.info().sample_type, expected, "{kind} {nodata}");
-            // The corners of a turned raster lie outside the original: void, and nothing else is there.
+            // The corners of a turned raster lie outside the original: void, and nothing else is
+            // there.
             let all = samples(&*source);
             assert!(all[0].is_nan() && all.iter().any(|value| !value.is_nan()), "{kind} {nodata}");
             equals_gdalwarp(&path, Some("EPSG:32613"), None, Resampling::Bilinear);
@@ -355,7 +358,8 @@ mod through_gdal {
             let mut args = vec!["build", dem, "--crs", "EPSG:32613", "--tile", "64", "-f"];
             args.extend(["-o", out.to_str().expect("path")]);
             args.extend(more);
-            // The check against the source takes more than that; the bytes are those of builds that were checked.
+            // The check against the source takes more than that; the bytes are those of builds that
+            // were checked.
             if !more.contains(&"--memory") {
                 args.push("--verify");
             }
@@ -393,8 +397,8 @@ mod through_gdal {
             let source = source::open_all(&paths, &options, &Limits::default()).expect("one source");
             let info = source.info();
             assert_eq!(info.parts.len(), 2);
-            // One call of gdalwarp for both files, which makes the same grid of them. Its kernels are as wide as they
-            // must be for finer grids.
+            // One call of gdalwarp for both files, which makes the same grid of them. Its kernels
+            // are as wide as they must be for finer grids.
             let to = folder.path().join("both.tif");
             let step = step.to_string();
             let mut words = vec!["-q", "-overwrite", "-t_srs", "EPSG:4326", "-tr", &step, &step, "-et", "0"];

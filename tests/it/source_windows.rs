@@ -1,6 +1,8 @@
-//! Are windows what they should be: crops of the whole, of the file as it stands, whatever the layout of the file?
+//! Are windows what they should be: crops of the whole, of the file as it stands, whatever the
+//! layout of the file?
 //!
-//! The variants are written by `gdal_translate`; these tests fail without the GDAL command line tools.
+//! The variants are written by `gdal_translate`; these tests fail without the GDAL command line
+//! tools.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -140,7 +142,8 @@ fn windows_of_sparse_files_and_masks() {
     }
 }
 
-/// A file that shrinks while it is open: the rows that are left are read, the others are an error that names the place.
+/// A file that shrinks while it is open: the rows that are left are read, the others are an error
+/// that names the place.
 #[test]
 fn a_file_cut_off_while_open_is_an_error() {
     let folder = tempfile::tempdir().expect("temporary folder");

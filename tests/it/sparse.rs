@@ -1,4 +1,5 @@
-//! Sources that say where they have samples: the same bytes as without, and nothing done for the rest of a huge raster.
+//! Sources that say where they have samples: the same bytes as without, and nothing done for the
+//! rest of a huge raster.
 
 use std::fs;
 use std::ops::Range;
@@ -174,7 +175,8 @@ fn a_strip_in_a_raster_of_2_to_the_22_costs_what_it_holds() {
     assert_eq!(leaves, tiles.len() as u64);
     // The root path is as long as the raster is large, all else follows the leaves.
     assert!(report.header.tile_count < 2 * leaves + 17 * 4, "{} tiles", report.header.tile_count);
-    // Tiles are read with the whole of their borders, and the rows of the squares one after the other.
+    // Tiles are read with the whole of their borders, and the rows of the squares one after the
+    // other.
     let read = source.read.load(Ordering::Relaxed);
     assert!(read <= 2 * leaves * 33 * 33, "{read} samples were read for {leaves} tiles");
     assert!(plan.memory(&(0..u32::MAX)) < 64 << 20, "{}", plan.memory(&(0..u32::MAX)));

@@ -1,4 +1,5 @@
-//! `format-spec.md` against the program: its worked example, and an independent reader written from its text.
+//! `format-spec.md` against the program: its worked example, and an independent reader written from
+//! its text.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -190,8 +191,8 @@ fn ends(kind: SampleType) -> Option<(f64, f64)> {
     })
 }
 
-/// Smooth heights with voids, near an end of the range of their type: predictions where there are voids lie outside it. The independent
-/// reader heeds no hint of the format.
+/// Smooth heights with voids, near an end of the range of their type: predictions where there are
+/// voids lie outside it. The independent reader heeds no hint of the format.
 #[test]
 fn an_independent_reader_agrees_at_the_ends_of_the_types() {
     let folder = tempfile::tempdir().expect("folder");

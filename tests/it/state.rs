@@ -1,4 +1,5 @@
-//! Builds that go on elsewhere or later, of rasters whose numbers a text would lose: the same bytes as one that runs through.
+//! Builds that go on elsewhere or later, of rasters whose numbers a text would lose: the same bytes
+//! as one that runs through.
 
 use std::fs;
 use std::path::{Path, PathBuf};

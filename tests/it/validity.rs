@@ -1,7 +1,9 @@
-//! Which samples of a file are valid, which band is taken, and what is warned of: files written byte by byte, read, built,
-//! verified and exported; what is exported is held against GDAL's own reading.
+//! Which samples of a file are valid, which band is taken, and what is warned of: files written
+//! byte by byte, read, built, verified and exported; what is exported is held against GDAL's own
+//! reading.
 //!
-//! The comparisons with GDAL fail without its command line tools: a check that is skipped proves nothing.
+//! The comparisons with GDAL fail without its command line tools: a check that is skipped proves
+//! nothing.
 
 mod plain_tiff;
 mod warned;
@@ -57,7 +59,8 @@ fn but(values: &[f64], void: &[usize]) -> Vec<Option<f64>> {
     values.iter().enumerate().map(sample).collect()
 }
 
-/// Builds a file, verifies it against its source, and exports it to `out.tif`, whose samples it gives back.
+/// Builds a file, verifies it against its source, and exports it to `out.tif`, whose samples it
+/// gives back.
 fn round_trip(folder: &Path, path: &Path, options: &OpenOptions) -> Vec<Option<f64>> {
     let source = open(path, options);
     let (output, exported) = (folder.join("out.rlv"), folder.join("out.tif"));

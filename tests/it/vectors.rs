@@ -1,6 +1,8 @@
-//! `fixtures/vectors/`: each file decodes to what its JSON says, by this crate's reader and by `tests/spec_reader.py`, which made it.
+//! `fixtures/vectors/`: each file decodes to what its JSON says, by this crate's reader and by
+//! `tests/spec_reader.py`, which made it.
 //!
-//! And the same two readers against each other over random small rasters, whose files nobody has looked at.
+//! And the same two readers against each other over random small rasters, whose files nobody has
+//! looked at.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -63,7 +65,8 @@ fn header(reader: &Reader) -> Value {
     })
 }
 
-/// Codes and lows of the valid samples (0 of the others), validity, and error tables, as the Python reader sums them.
+/// Codes and lows of the valid samples (0 of the others), validity, and error tables, as the Python
+/// reader sums them.
 fn parts(reader: &Reader, tile: &Lattice, entry: &TileEntry) -> [Vec<u8>; 3] {
     let valid = |i: usize| tile.state[i] == VALID;
     let codes = (0..tile.code.len()).flat_map(|i| if valid(i) { tile.code[i] } else { 0 }.to_le_bytes());
@@ -240,7 +243,8 @@ fn listing(path: &Path) -> String {
     out
 }
 
-/// A random small raster of any type: smooth, at the ends of its type, or rough, with voids or without.
+/// A random small raster of any type: smooth, at the ends of its type, or rough, with voids or
+/// without.
 fn random(seed: u64) -> (Memory, BuildOptions) {
     let pick = |what: u32, of: u64| noise(seed, what, 77) % of;
     let (width, height) = (1 + pick(1, 70) as u32, 1 + pick(2, 50) as u32);

@@ -236,7 +236,8 @@ fn is_void(source: &Memory) -> bool {
 /// Tiles as they are stored.
 type Stored = (TileEntry, TileChunks);
 
-/// Writes a file again, with all checksums right, after `edit` has been at its tiles; those it turns to `None` are left out.
+/// Writes a file again, with all checksums right, after `edit` has been at its tiles; those it
+/// turns to `None` are left out.
 fn rewritten(built: &Built, mut edit: impl FnMut(&Reader, &mut Stored) -> bool) -> PathBuf {
     let reader = Reader::open(&built.path).unwrap();
     let to = built.folder.path().join("b.rlv");
@@ -323,7 +324,8 @@ fn an_error_stored_too_low_is_found_where_it_is() {
     let last = reader.header().levels;
     for (level, name) in [(0, VERTICAL), (2, VERTICAL), (last, VERTICAL), (1, HORIZONTAL), (last, HORIZONTAL)]
     {
-        // The patch whose coarsest step is most its own, not one that a finer step or a child has already.
+        // The patch whose coarsest step is most its own, not one that a finer step or a child has
+        // already.
         let jump = |plane: &[u16], i: usize| (plane[32 + i] - plane[16 + i], i);
         let tiles = reader.tiles(level).unwrap().into_iter();
         let largest = |id| {

@@ -1,4 +1,5 @@
-//! Names of the outputs of a batch: each input's own, with as much of its path in front as tells it from the others.
+//! Names of the outputs of a batch: each input's own, with as much of its path in front as tells it
+//! from the others.
 
 use std::collections::HashMap;
 use std::ffi::{OsStr, OsString};
@@ -9,8 +10,9 @@ use relevo::source;
 
 use crate::cli::shown;
 
-/// The output of every input, in a folder. Inputs of one name get the names of their folders in front (`north-n51.rlv`), and, where
-/// they lie in one folder, what their own names end in (`n51-hgt.rlv`).
+/// The output of every input, in a folder. Inputs of one name get the names of their folders in
+/// front (`north-n51.rlv`), and, where they lie in one folder, what their own names end in
+/// (`n51-hgt.rlv`).
 pub fn outputs(inputs: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut names: Vec<OsString> = inputs.iter().map(|input| source::stem(input)).collect();
     let mut prefixes: Vec<Vec<OsString>> = inputs.iter().map(|input| folders(input)).collect();

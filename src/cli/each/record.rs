@@ -1,5 +1,5 @@
-//! What a batch has done, in a file beside its outputs: one JSON object a line, so that a batch that is killed loses at most the line it
-//! was writing.
+//! What a batch has done, in a file beside its outputs: one JSON object a line, so that a batch
+//! that is killed loses at most the line it was writing.
 
 use std::collections::HashMap;
 use std::fs::{self, File, OpenOptions};
@@ -43,7 +43,8 @@ pub struct Record {
 }
 
 impl Record {
-    /// Opens or begins the record of a folder. Lines that are not whole are passed over: their outputs are made again.
+    /// Opens or begins the record of a folder. Lines that are not whole are passed over: their
+    /// outputs are made again.
     pub fn open(folder: &Path) -> Result<Self, Error> {
         let path = folder.join(NAME);
         let failed = |source| Error::io(&path, "keep a record of the batch in it", source);

@@ -23,7 +23,8 @@ pub(super) struct Band {
 /// What the sidecar says.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct AuxXml {
-    /// The coordinate system, in any of the words that GDAL knows for one. An empty text says that there is none.
+    /// The coordinate system, in any of the words that GDAL knows for one. An empty text says that
+    /// there is none.
     pub(super) srs: Option<String>,
     /// Which axis of the coordinate system x and y are, from 1.
     pub(super) axes: Option<String>,
@@ -97,7 +98,8 @@ fn dataset(root: Node<'_, '_>) -> AuxXml {
     found
 }
 
-/// The coordinate system and the control points that Esri's programs leave in the sidecar, in words of their own.
+/// The coordinate system and the control points that Esri's programs leave in the sidecar, in words
+/// of their own.
 fn esri(metadata: Node<'_, '_>, found: &mut AuxXml) {
     let Some(form) = xml::child(metadata, "GeodataXform") else { return };
     let wkt = xml::child(form, "SpatialReference").and_then(|system| xml::text_of(system, "WKT"));
@@ -137,7 +139,8 @@ fn add(node: Node<'_, '_>, band: &mut Band) {
     band.role = role.filter(|role| *role != Role::Undefined).or(band.role);
 }
 
-/// The float64 of 16 hexadecimal digits, the low byte first: what GDAL writes beside a number that its digits do not hold.
+/// The float64 of 16 hexadecimal digits, the low byte first: what GDAL writes beside a number that
+/// its digits do not hold.
 fn float_of_hex(digits: &str) -> Option<f64> {
     let whole = u64::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 16)?;
     Some(f64::from_bits(whole.swap_bytes()))

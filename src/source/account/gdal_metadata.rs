@@ -16,7 +16,8 @@ pub(super) struct Items {
     pub(super) role: Option<Role>,
 }
 
-/// Reads `<Item name=".." sample="0" role="scale">0.1</Item>` and its kin, by band from 1; `Err` if it is no XML.
+/// Reads `<Item name=".." sample="0" role="scale">0.1</Item>` and its kin, by band from 1; `Err` if
+/// it is no XML.
 pub(super) fn read(text: &str) -> Result<BTreeMap<u32, Items>, String> {
     let items = xml::read(text, "GDALMetadata", |root| {
         let mut found = BTreeMap::new();

@@ -1,7 +1,8 @@
-//! What a raster is, gathered once: place, coordinate system, and of each band nodata, unit, scale, offset and role, each
-//! with where it was found.
+//! What a raster is, gathered once: place, coordinate system, and of each band nodata, unit, scale,
+//! offset and role, each with where it was found.
 //!
-//! Several things can say the same of a raster. The first of them counts, in the order of GDAL (3.6.2, found by trial):
+//! Several things can say the same of a raster. The first of them counts, in the order of GDAL
+//! (3.6.2, found by trial):
 //!
 //! | of a TIFF | first | then | then | last |
 //! |---|---|---|---|---|
@@ -14,14 +15,18 @@
 //! | role of a band | `.aux.xml` | tag 42112 | | tags 262 and 338 |
 //!
 //! - Scale and offset are one thing: what says one of them says the other too (1 or 0).
-//! - A `.aux.xml` whose `SRS` is empty says that there is no coordinate system. Control points in it hide the place that
-//!   tags or a world file give, as they do in GDAL; a raster that only they place has neither place nor coordinate system.
-//! - The vertical unit of the `.aux.xml`'s system and the `.prj` are beyond GDAL, which passes over both. A `.prj` counts
-//!   where there is a place and nothing else names its coordinates. GDAL's order has a `MapInfo` table, `.tab`, before the world
-//!   file: a raster that needs it is left to GDAL.
+//! - A `.aux.xml` whose `SRS` is empty says that there is no coordinate system. Control points in
+//!   it hide the place that tags or a world file give, as they do in GDAL; a raster that only they
+//!   place has neither place nor coordinate system.
+//! - The vertical unit of the `.aux.xml`'s system and the `.prj` are beyond GDAL, which passes over
+//!   both. A `.prj` counts where there is a place and nothing else names its coordinates. GDAL's
+//!   order has a `MapInfo` table, `.tab`, before the world file: a raster that needs it is left to
+//!   GDAL.
 //! - World files are `dem.tfw`, `dem.tifw` and `dem.wld`, in this order and in any case.
-//! - What lies beside a gzipped raster, `dem.tif.gz`, has the name that it has unpacked: `dem.tif.aux.xml`, `dem.tfw`.
-//! - Of an SRTM tile `.aux.xml` gives scale, offset and pixel is point; of a virtual raster nothing beside it counts.
+//! - What lies beside a gzipped raster, `dem.tif.gz`, has the name that it has unpacked:
+//!   `dem.tif.aux.xml`, `dem.tfw`.
+//! - Of an SRTM tile `.aux.xml` gives scale, offset and pixel is point; of a virtual raster nothing
+//!   beside it counts.
 
 mod aux_xml;
 mod gdal_metadata;
@@ -111,7 +116,8 @@ impl Account {
     /// What the tags of a raster, if it has any, and the files beside it say.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] for a coordinate system that is not understood, and for a place that only GDAL reads.
+    /// [`Error::Unsupported`] for a coordinate system that is not understood, and for a place that
+    /// only GDAL reads.
     pub(in crate::source) fn gathered(raster: &Path, tags: Tags, limits: &Limits) -> Result<Self> {
         let raster = &sidecar::unpacked(raster);
         let mut account = Self::beside(raster, limits);
@@ -359,7 +365,8 @@ fn unknown() -> Crs {
     crate::crs::geokeys::read(crate::geo::GeoKeys::default()).crs
 }
 
-/// A coordinate system as it is kept; a projection that has no name here keeps the words of the text.
+/// A coordinate system as it is kept; a projection that has no name here keeps the words of the
+/// text.
 fn of_text(system: &Definition, text: &str) -> Crs {
     crate::crs::read(text).unwrap_or_else(|_| system.crs())
 }

@@ -5,7 +5,8 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// What said something of a raster. Names are of files, without folders; empty for a file of each raster of a mosaic.
+/// What said something of a raster. Names are of files, without folders; empty for a file of each
+/// raster of a mosaic.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Origin {

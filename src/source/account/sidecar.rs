@@ -23,8 +23,9 @@ pub(super) fn appended(raster: &Path, more: &str) -> Option<PathBuf> {
     Some(PathBuf::from(name)).filter(|path| path.is_file())
 }
 
-/// The first file that has the raster's name with one of some extensions, in any case: as they stand here, then in
-/// small or capital letters, then mixed if the folder is not too full to look through.
+/// The first file that has the raster's name with one of some extensions, in any case: as they
+/// stand here, then in small or capital letters, then mixed if the folder is not too full to look
+/// through.
 pub(super) fn beside(raster: &Path, extensions: &[String]) -> Option<PathBuf> {
     for extension in extensions {
         let spelled = [extension.clone(), extension.to_ascii_lowercase(), extension.to_ascii_uppercase()];

@@ -3,7 +3,8 @@
 use crate::error::{Error, Result};
 use crate::source::metadata;
 
-/// Extensions of the world files of a raster with this extension, in the order in which GDAL tries them.
+/// Extensions of the world files of a raster with this extension, in the order in which GDAL tries
+/// them.
 pub(super) fn extensions(extension: &str) -> Vec<String> {
     let mut found = Vec::new();
     let mut letters = extension.chars();
@@ -15,11 +16,13 @@ pub(super) fn extensions(extension: &str) -> Vec<String> {
     found
 }
 
-/// Column step in x and y, row step in x and y, and the centre of the first pixel, to GDAL's order and the corner.
+/// Column step in x and y, row step in x and y, and the centre of the first pixel, to GDAL's order
+/// and the corner.
 pub(super) fn parse(text: &str) -> Result<[f64; 6]> {
     let lines: Vec<&str> =
         text.lines().flat_map(|line| line.split('\r')).filter(|l| !l.trim().is_empty()).collect();
-    // One number a line, and GDAL takes what follows for a remark; other programs have them all in one line.
+    // One number a line, and GDAL takes what follows for a remark; other programs have them all in
+    // one line.
     let words: Vec<&str> = if lines.len() < 6 { text.split_whitespace().collect() } else { lines };
     let numbers: Vec<f64> = words.iter().take(6).map_while(|word| metadata::number(word)).collect();
     match numbers[..] {

@@ -1,14 +1,15 @@
 //! XML that GDAL writes beside and into rasters, with the liberties that GDAL takes in reading it.
 //!
-//! Names of elements and attributes are the same in any case. An element's text counts only if it is all that the element
-//! has: a comment beside it makes it none. A document that is not well-formed because of a bare `&` or of something behind
-//! its end is read all the same.
+//! Names of elements and attributes are the same in any case. An element's text counts only if it
+//! is all that the element has: a comment beside it makes it none. A document that is not
+//! well-formed because of a bare `&` or of something behind its end is read all the same.
 
 use roxmltree::Node;
 
 use crate::source::markup;
 
-/// Reads a document with a root of some name: `None` if the root has another name, `Err` with the reason if it is no XML.
+/// Reads a document with a root of some name: `None` if the root has another name, `Err` with the
+/// reason if it is no XML.
 pub(super) fn read<T>(text: &str, root: &str, read: impl Fn(Node<'_, '_>) -> T) -> Result<Option<T>, String> {
     let text = text.trim_start_matches('\u{feff}').trim();
     let found = |text: &str| {

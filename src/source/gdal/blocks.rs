@@ -1,4 +1,5 @@
-//! What the rasters of one warp share: blocks that have been made, and operations that no thread is using.
+//! What the rasters of one warp share: blocks that have been made, and operations that no thread is
+//! using.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -7,7 +8,8 @@ use super::operation::Operation;
 use crate::error::Result;
 use crate::source::Samples;
 
-/// Bytes of blocks kept: two rows of them for all but the widest rasters, as bands of rows share a row of blocks.
+/// Bytes of blocks kept: two rows of them for all but the widest rasters, as bands of rows share a
+/// row of blocks.
 const KEPT: usize = 64 << 20;
 /// Operations kept, each with a file open.
 const IDLE: usize = 64;
@@ -41,7 +43,8 @@ impl Shared {
         idle.remove(at).map(|entry| entry.1)
     }
 
-    /// Keeps an operation for later, and ends the one that has waited longest if there are too many.
+    /// Keeps an operation for later, and ends the one that has waited longest if there are too
+    /// many.
     pub(super) fn put_back(&self, raster: usize, operation: Operation) {
         let mut idle = lock(&self.idle);
         idle.push_back((raster, operation));

@@ -19,7 +19,8 @@ use crate::source::{
     Origin, Origins, Part, ReadMemory, SourceInfo, account, file_name, metadata, unit, warn,
 };
 
-/// Everything known at once, and what says which samples are valid. `chosen` is the band, from 1, if somebody chose it.
+/// Everything known at once, and what says which samples are valid. `chosen` is the band, from 1,
+/// if somebody chose it.
 pub(super) fn describe(
     dataset: &Dataset,
     path: &Path,
@@ -107,7 +108,8 @@ fn origins(
     }
 }
 
-/// The coordinate system of a dataset, or of a `.prj` beside one that has a place and no system, and that file.
+/// The coordinate system of a dataset, or of a `.prj` beside one that has a place and no system,
+/// and that file.
 fn spatial(
     dataset: &Dataset,
     path: &Path,
@@ -172,7 +174,8 @@ fn validity(band: &RasterBand<'_>, alpha: Option<usize>, nodata: Option<f64>) ->
     })
 }
 
-/// What GDAL's driver takes to decode a block, and a mask; its cache of decoded ones is bounded apart.
+/// What GDAL's driver takes to decode a block, and a mask; its cache of decoded ones is bounded
+/// apart.
 fn reading(block: (usize, usize), width: usize, sample_type: SampleType) -> ReadMemory {
     let bytes = (block.0 as u64).saturating_mul(block.1 as u64).saturating_mul(sample_type.bytes() as u64);
     let across = width.div_ceil(block.0.max(1)) as f64;
@@ -243,11 +246,11 @@ pub(super) fn crs(spatial: Option<&SpatialRef>) -> (Crs, Option<(f64, String)>) 
     (crs, vertical_unit)
 }
 
-/// EPSG code of a part of a coordinate system itself, not of what that is made of (a user's own projection has none,
-/// its datum has one).
+/// EPSG code of a part of a coordinate system itself, not of what that is made of (a user's own
+/// projection has none, its datum has one).
 fn epsg_code(spatial: &SpatialRef, node: &CStr) -> Option<u32> {
-    // SAFETY: the system is valid, the node a C string; what comes back is null or a C string that lives as long as
-    // the system is not changed, and is copied here.
+    // SAFETY: the system is valid, the node a C string; what comes back is null or a C string that
+    // lives as long as the system is not changed, and is copied here.
     #[expect(unsafe_code, reason = "the bindings ask for the whole system only")]
     let (name, code) = unsafe {
         let text = |text: *const c_char| {

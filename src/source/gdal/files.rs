@@ -8,10 +8,12 @@ use gdal::Dataset;
 use crate::error::Result;
 use crate::source::{FileStamp, Fingerprint, file_name};
 
-/// The files that a dataset says it is made of, the file itself first; of a VRT also those it refers to.
+/// The files that a dataset says it is made of, the file itself first; of a VRT also those it
+/// refers to.
 pub(in crate::source) fn of(dataset: &Dataset, path: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
-    // SAFETY: the dataset is open; the list ends with a null pointer, its entries are C strings, and it is ours to free.
+    // SAFETY: the dataset is open; the list ends with a null pointer, its entries are C strings,
+    // and it is ours to free.
     #[expect(unsafe_code, reason = "the bindings have no safe call for it")]
     unsafe {
         let list = gdal_sys::GDALGetFileList(dataset.c_dataset());
@@ -28,8 +30,8 @@ pub(in crate::source) fn of(dataset: &Dataset, path: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// Their stamps. A local file must be there. One of GDAL's virtual files has the stamp of the archive it lies in, or, if
-/// there is none, what GDAL says of it: length 0 once it is gone.
+/// Their stamps. A local file must be there. One of GDAL's virtual files has the stamp of the
+/// archive it lies in, or, if there is none, what GDAL says of it: length 0 once it is gone.
 pub(in crate::source) fn fingerprint(files: &[PathBuf]) -> Result<Fingerprint> {
     let stamp = |path: &PathBuf| {
         if path.exists() {
@@ -49,7 +51,8 @@ pub(in crate::source) fn fingerprint(files: &[PathBuf]) -> Result<Fingerprint> {
     Ok(Fingerprint { files: files.iter().map(stamp).collect::<Result<_>>()? })
 }
 
-/// The local archive of `/vsizip/folder/a.zip/dem.tif`, also chained (`/vsitar//vsigzip/…`) or in braces.
+/// The local archive of `/vsizip/folder/a.zip/dem.tif`, also chained (`/vsitar//vsigzip/…`) or in
+/// braces.
 fn archive(path: &Path) -> Option<PathBuf> {
     let text = path.to_string_lossy();
     let mut rest = text.strip_prefix("/vsi")?.split_once('/')?.1;
@@ -63,7 +66,8 @@ fn archive(path: &Path) -> Option<PathBuf> {
         .find_map(|name| name.ancestors().find(|folder| folder.is_file()).map(Path::to_owned))
 }
 
-/// What GDAL says of a file that is not on this machine. Its caches are emptied first: they would say what was.
+/// What GDAL says of a file that is not on this machine. Its caches are emptied first: they would
+/// say what was.
 fn remote(path: &Path) -> FileStamp {
     let name = file_name(path);
     let Ok(c_path) = CString::new(path.to_string_lossy().into_owned()) else {

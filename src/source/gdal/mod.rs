@@ -1,9 +1,10 @@
-//! Any raster that GDAL opens, behind the feature `gdal`: other formats, and TIFFs with compressions not read natively.
+//! Any raster that GDAL opens, behind the feature `gdal`: other formats, and TIFFs with
+//! compressions not read natively.
 //!
-//! Band 1 is the elevation unless another is asked for. GDAL's mask comes along where it says more than the nodata value does,
-//! or an alpha band in which GDAL sees no mask. A GDAL dataset
-//! serves one thread at a time, so reads are serialised; GDAL's own block cache keeps what bands share. GDAL's
-//! messages are not printed: they come back in the errors.
+//! Band 1 is the elevation unless another is asked for. GDAL's mask comes along where it says more
+//! than the nodata value does, or an alpha band in which GDAL sees no mask. A GDAL dataset serves
+//! one thread at a time, so reads are serialised; GDAL's own block cache keeps what bands share.
+//! GDAL's messages are not printed: they come back in the errors.
 
 mod blocks;
 pub(super) mod describe;
@@ -70,7 +71,8 @@ impl GdalSource {
         let dataset = self.dataset.lock().unwrap_or_else(PoisonError::into_inner);
         let band = dataset.rasterband(self.band)?;
         let samples = match self.info.sample_type {
-            // GDAL before 3.7 has no int8 and calls it a kind of byte; later ones convert to int16 exactly.
+            // GDAL before 3.7 has no int8 and calls it a kind of byte; later ones convert to int16
+            // exactly.
             SampleType::Int8 if band.band_type().name() == "Byte" => {
                 Samples::Int8(read::<u8>(&band, columns, rows)?.into_iter().map(u8::cast_signed).collect())
             }
@@ -145,7 +147,8 @@ fn dataset(path: &Path) -> Result<Dataset> {
     })
 }
 
-/// Bytes of GDAL's cache of decoded blocks, of all rasters together, unless `GDAL_CACHEMAX` says otherwise.
+/// Bytes of GDAL's cache of decoded blocks, of all rasters together, unless `GDAL_CACHEMAX` says
+/// otherwise.
 const BLOCK_CACHE: i64 = 64 << 20;
 
 fn read<T: GdalType + Copy>(

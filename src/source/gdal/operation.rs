@@ -1,8 +1,8 @@
 //! GDAL's warper behind a safe face: one source, one band, blocks of one target grid into a buffer.
 //!
-//! The transformation is exact for every sample (`gdalwarp -et 0`), and the ratio of the two resolutions, from which
-//! the widths of kernels follow, is that of the whole raster (`-wo XSCALE`), not of the block: a sample does not
-//! depend on the block it is made in.
+//! The transformation is exact for every sample (`gdalwarp -et 0`), and the ratio of the two
+//! resolutions, from which the widths of kernels follow, is that of the whole raster (`-wo
+//! XSCALE`), not of the block: a sample does not depend on the block it is made in.
 
 use std::ffi::{CStr, CString, c_int, c_void};
 use std::ptr;
@@ -50,8 +50,8 @@ pub(super) struct Operation {
     dataset: Dataset,
 }
 
-// SAFETY: the handles belong to this value alone and are used by whoever owns it, one thread after the other, which
-// GDAL allows for datasets, transformers and operations alike.
+// SAFETY: the handles belong to this value alone and are used by whoever owns it, one thread after
+// the other, which GDAL allows for datasets, transformers and operations alike.
 #[expect(unsafe_code, reason = "the handles of GDAL are plain pointers")]
 unsafe impl Send for Operation {}
 
@@ -67,9 +67,10 @@ impl Operation {
     #[expect(unsafe_code, reason = "the bindings have no safe call for it")]
     fn create(&mut self) -> Result<()> {
         let request = &self.request;
-        // SAFETY: GDAL makes the options and frees them; arrays in them come from its own allocator, which ends the
-        // program if there is no memory, and have one entry for the one band. The operation keeps a copy of the options,
-        // and refers to the dataset and the transformer, which live as long as it (see `drop`).
+        // SAFETY: GDAL makes the options and frees them; arrays in them come from its own
+        // allocator, which ends the program if there is no memory, and have one entry for the one
+        // band. The operation keeps a copy of the options, and refers to the dataset and the
+        // transformer, which live as long as it (see `drop`).
         unsafe {
             let options = gdal_sys::GDALCreateWarpOptions();
             let o = &mut *options;
@@ -90,7 +91,8 @@ impl Operation {
             for (key, value) in [
                 (c"XSCALE", format!("{x:e}")),
                 (c"YSCALE", format!("{y:e}")),
-                // Curved edges of a block reach a little farther than the 21 points of each that GDAL looks at.
+                // Curved edges of a block reach a little farther than the 21 points of each that
+                // GDAL looks at.
                 (c"SOURCE_EXTRA", "4".to_owned()),
                 (c"SAMPLE_GRID", "YES".to_owned()),
             ] {
@@ -124,7 +126,8 @@ impl Operation {
 
 impl Drop for Operation {
     fn drop(&mut self) {
-        // SAFETY: both were made by GDAL, are null or valid, and are not used again; the dataset goes after them.
+        // SAFETY: both were made by GDAL, are null or valid, and are not used again; the dataset
+        // goes after them.
         #[expect(unsafe_code, reason = "the bindings have no safe call for it")]
         unsafe {
             if !self.handle.is_null() {
@@ -144,7 +147,8 @@ fn transformer(dataset: &Dataset, request: &Request) -> Result<*mut c_void> {
         }
     }
     let transform = request.lattice.transform();
-    // SAFETY: the dataset is open; the options are a list of strings, copied by GDAL; the geotransform has six numbers.
+    // SAFETY: the dataset is open; the options are a list of strings, copied by GDAL; the
+    // geotransform has six numbers.
     #[expect(unsafe_code, reason = "the bindings have no safe call for it")]
     let transformer = unsafe {
         gdal_sys::CPLErrorReset();
@@ -177,7 +181,8 @@ unsafe fn allocated<T>(value: T) -> *mut T {
 
 /// An error in GDAL's words.
 pub(super) fn failed(what: &str) -> Error {
-    // SAFETY: GDAL gives a C string that is valid until the next error of this thread; it is copied here.
+    // SAFETY: GDAL gives a C string that is valid until the next error of this thread; it is copied
+    // here.
     #[expect(unsafe_code, reason = "the bindings have no safe call for it")]
     let message = unsafe { CStr::from_ptr(gdal_sys::CPLGetLastErrorMsg()).to_string_lossy().into_owned() };
     let message = if message.is_empty() { "it does not say why".to_owned() } else { message };
@@ -198,7 +203,8 @@ pub(super) fn filled(kind: SampleType, count: usize, value: f64) -> Samples {
     }
 }
 
-/// GDAL's number of a type. Not of int8, which not every version has: it is widened before it comes here.
+/// GDAL's number of a type. Not of int8, which not every version has: it is widened before it comes
+/// here.
 fn gdal_type(kind: SampleType) -> gdal_sys::GDALDataType::Type {
     match kind {
         SampleType::Uint8 | SampleType::Int8 => u8::gdal_ordinal(),

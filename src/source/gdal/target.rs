@@ -1,4 +1,5 @@
-//! The grid that rasters are warped to: one lattice for all of them, the one that `gdalwarp` makes of them.
+//! The grid that rasters are warped to: one lattice for all of them, the one that `gdalwarp` makes
+//! of them.
 
 use std::ffi::{CString, c_char};
 use std::ops::Range;
@@ -36,8 +37,9 @@ impl Lattice {
         [x, y - self.step.1 * f64::from(self.height), x + self.step.0 * f64::from(self.width), y]
     }
 
-    /// The lattice of several, as `gdalwarp` makes it: from their westernmost and northernmost edge, with the finest
-    /// steps that one of them has, to about their other edges; then with the given steps over that same extent.
+    /// The lattice of several, as `gdalwarp` makes it: from their westernmost and northernmost
+    /// edge, with the finest steps that one of them has, to about their other edges; then with the
+    /// given steps over that same extent.
     pub(super) fn union(all: &[Self], step: Option<(f64, f64)>, limits: &Limits) -> Result<Self> {
         if let [only] = all {
             return Ok(*only);
@@ -94,7 +96,8 @@ impl Lattice {
     }
 }
 
-/// A coordinate system without its vertical part: heights are never moved from one vertical datum to another.
+/// A coordinate system without its vertical part: heights are never moved from one vertical datum
+/// to another.
 pub(super) struct Horizontal {
     /// As WKT 2.
     pub(super) wkt: String,
@@ -128,7 +131,8 @@ impl Horizontal {
         let plane = spatial.clone();
         let stripped = spatial.is_compound();
         if stripped {
-            // SAFETY: the copy is ours and valid. Failing would leave the vertical part, which warping does not look at.
+            // SAFETY: the copy is ours and valid. Failing would leave the vertical part, which
+            // warping does not look at.
             #[expect(unsafe_code, reason = "the bindings have no safe call for it")]
             unsafe {
                 gdal_sys::OSRStripVertical(plane.to_c_hsrs());
@@ -181,8 +185,9 @@ fn gdalwarp(dataset: &Dataset, words: &[String]) -> Result<Dataset> {
     let mut list: Vec<*mut c_char> = words.iter().map(|word| word.as_ptr().cast_mut()).collect();
     list.push(ptr::null_mut());
     let mut source = dataset.c_dataset();
-    // SAFETY: the list ends with a null pointer and its strings outlive the call, which copies them; options are freed
-    // once; the dataset is open, and what is made of it is dropped before it by the only caller.
+    // SAFETY: the list ends with a null pointer and its strings outlive the call, which copies
+    // them; options are freed once; the dataset is open, and what is made of it is dropped before
+    // it by the only caller.
     #[expect(unsafe_code, reason = "the bindings have no safe call for it")]
     unsafe {
         gdal_sys::CPLErrorReset();

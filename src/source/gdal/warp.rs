@@ -1,5 +1,5 @@
-//! Rasters warped to one grid while they are read, in bounded memory and without a file in between: what is asked for,
-//! what is refused, and the parts of the grid that each raster has.
+//! Rasters warped to one grid while they are read, in bounded memory and without a file in between:
+//! what is asked for, what is refused, and the parts of the grid that each raster has.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -128,7 +128,8 @@ impl Original {
         })
     }
 
-    /// What to tell the warper of the coordinate systems: of the source only if it is not simply the dataset's own.
+    /// What to tell the warper of the coordinate systems: of the source only if it is not simply
+    /// the dataset's own.
     fn systems(&self, target: Option<&Horizontal>) -> Result<(Option<String>, Option<String>)> {
         if !self.placed {
             return Err(Error::unsupported(
@@ -174,16 +175,18 @@ fn check_vertical(own: &Horizontal, target: &Horizontal) -> Result<()> {
     Ok(())
 }
 
-/// Target samples of one of the source, along one axis, as `gdalwarp` takes it from a raster that it warps in one go:
-/// 1 where it is about 1, and the reciprocal of a whole number where it is about that.
+/// Target samples of one of the source, along one axis, as `gdalwarp` takes it from a raster that
+/// it warps in one go: 1 where it is about 1, and the reciprocal of a whole number where it is
+/// about that.
 fn ratio(target: u32, source: u32) -> f64 {
     let ratio = f64::from(target) / f64::from(source);
     let reciprocal = (1.0 / ratio).round();
     if ratio < 1.0 && (1.0 / ratio - reciprocal).abs() < 0.05 { 1.0 / reciprocal } else { ratio }
 }
 
-/// Type of the warped samples, and a value that means void and that none of them has: the source's own type and nodata
-/// value, NaN for floats without one, and for integers without one the next wider type and its lowest value.
+/// Type of the warped samples, and a value that means void and that none of them has: the source's
+/// own type and nodata value, NaN for floats without one, and for integers without one the next
+/// wider type and its lowest value.
 fn target_samples(own: &SourceInfo) -> Result<(SampleType, f64)> {
     use SampleType::{Float32, Float64, Int8, Int16, Int32, Uint8, Uint16, Uint32};
     let void = own.voids().sample(own.sample_type);
@@ -217,7 +220,8 @@ fn warped_info(original: &Original, request: &Request, target: Option<&Horizonta
     let mut crs = target.map_or_else(|| own.geo.crs.clone(), |target| target.crs.clone());
     let mut vertical_unit = own.vertical_unit.clone();
     if own.geo.crs.vertical_name.is_empty() {
-        // What the file does not say of its heights, the user has said by naming a system with a vertical part.
+        // What the file does not say of its heights, the user has said by naming a system with a
+        // vertical part.
         let stated = target.and_then(|target| target.vertical_unit.clone());
         if let (true, Some(stated)) = (vertical_unit.1.is_empty(), stated) {
             vertical_unit = stated;
@@ -243,7 +247,8 @@ fn warped_info(original: &Original, request: &Request, target: Option<&Horizonta
         parts: vec![part],
         description: format!("{}, warped ({})", own.description, request.resampling.name()),
         block_rows: side,
-        // A mask goes with what is warped; blocks that have been made are kept in a room of their own.
+        // A mask goes with what is warped; blocks that have been made are kept in a room of their
+        // own.
         reading: ReadMemory { sample: request.sample_type.bytes() as u64 + 1, ..own.reading },
         ..own.clone()
     }

@@ -1,7 +1,7 @@
 //! A raster that is warped while it is read, block by block.
 //!
-//! Every sample is made in the same block of the raster, whatever window is read, by whichever thread: reading in other
-//! windows, with other memory or on more threads gives the same bits.
+//! Every sample is made in the same block of the raster, whatever window is read, by whichever
+//! thread: reading in other windows, with other memory or on more threads gives the same bits.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -29,7 +29,8 @@ pub(super) struct Warped {
 }
 
 impl Warped {
-    /// Sets up an operation, as every thread needs one; the first one shows whether the request makes sense.
+    /// Sets up an operation, as every thread needs one; the first one shows whether the request
+    /// makes sense.
     pub(super) fn check(&self) -> Result<()> {
         self.shared.put_back(self.number, self.operation()?);
         Ok(())

@@ -1,4 +1,5 @@
-//! A window of a mosaic while members are put together, one after the other, in the type of the result.
+//! A window of a mosaic while members are put together, one after the other, in the type of the
+//! result.
 
 use std::ops::Range;
 
@@ -11,7 +12,8 @@ use crate::source::{Nodata, Overlap, Rect, Samples, Window};
 pub(super) trait Number: Copy + PartialOrd + Send + Sync + Default {
     /// The number itself.
     fn value(self) -> f64;
-    /// The nearest number of this type, of two as near the one away from zero; for a value outside, the last one.
+    /// The nearest number of this type, of two as near the one away from zero; for a value outside,
+    /// the last one.
     fn nearest(value: f64) -> Self;
     /// Neither NaN nor infinite.
     fn is_finite(self) -> bool;
@@ -135,7 +137,8 @@ struct Row<T> {
 }
 
 impl<T: Number> Canvas<T> {
-    /// A window without a valid sample; voids hold `fill`, or else the mask of the result says where they are.
+    /// A window without a valid sample; voids hold `fill`, or else the mask of the result says
+    /// where they are.
     pub(super) fn new(
         columns: &Range<u32>,
         rows: &Range<u32>,
@@ -155,7 +158,8 @@ impl<T: Number> Canvas<T> {
         })
     }
 
-    /// Adds what a member has of the window; samples of the result that `nodata` stands for are void.
+    /// Adds what a member has of the window; samples of the result that `nodata` stands for are
+    /// void.
     pub(super) fn paint(&mut self, member: &Member, window: &Window, nodata: Nodata) {
         let area = member.common(&self.area.columns, &self.area.rows);
         let width = area.columns.len();

@@ -68,14 +68,17 @@ impl Mosaic {
         Self::of(pieces, options, limits)
     }
 
-    /// Joins rasters on one grid, in one coordinate system and one vertical unit, in any order, overlapping or apart.
+    /// Joins rasters on one grid, in one coordinate system and one vertical unit, in any order,
+    /// overlapping or apart.
     ///
-    /// Samples become the narrowest type that holds those of all. Where GDAL scales or offsets differ, they become
-    /// real values in float64, `offset + scale * sample`, rounded once more than in a file of its own; their nodata values are those of the files.
+    /// Samples become the narrowest type that holds those of all. Where GDAL scales or offsets
+    /// differ, they become real values in float64, `offset + scale * sample`, rounded once more
+    /// than in a file of its own; their nodata values are those of the files.
     ///
     /// # Errors
-    /// [`Error::Usage`](crate::Error::Usage), by file name, for a raster without a place, off the grid of the others,
-    /// or in other coordinates or units; [`Error::Limit`](crate::Error::Limit) if all together are too large.
+    /// [`Error::Usage`](crate::Error::Usage), by file name, for a raster without a place, off the
+    /// grid of the others, or in other coordinates or units; [`Error::Limit`](crate::Error::Limit)
+    /// if all together are too large.
     pub fn of(pieces: Vec<Piece>, options: &OpenOptions, limits: &Limits) -> Result<Self> {
         let rasters: Vec<_> = pieces.iter().map(Piece::named).collect();
         if let Some((&first, others)) = rasters.split_first() {
@@ -139,7 +142,8 @@ impl Mosaic {
     }
 }
 
-/// Memory that reading a mosaic takes: samples and what is known of them, and those of members that are read ahead.
+/// Memory that reading a mosaic takes: samples and what is known of them, and those of members that
+/// are read ahead.
 pub(crate) fn reading<'a>(
     sample_type: SampleType,
     overlap: Overlap,

@@ -7,8 +7,8 @@ use crate::geo::CrsKind;
 use crate::limits::Limits;
 use crate::source::{Rect, SourceInfo, advice, file_name};
 
-/// How far a sample may stand from its place on the lattice, in pixels. Geotransforms are written with few digits:
-/// what they say of the far end of a raster is off by more than of its origin.
+/// How far a sample may stand from its place on the lattice, in pixels. Geotransforms are written
+/// with few digits: what they say of the far end of a raster is off by more than of its origin.
 const TOLERANCE: f64 = 0.01;
 
 /// What to do about rasters that do not fit.
@@ -33,8 +33,8 @@ struct Placed<'a> {
 
 /// Places rasters on one lattice, at least one.
 ///
-/// Pixels are those of the north-westernmost raster, and the origin is that of a raster wherever one has it, so that
-/// neither depends on the order.
+/// Pixels are those of the north-westernmost raster, and the origin is that of a raster wherever
+/// one has it, so that neither depends on the order.
 pub(super) fn of(rasters: &[(&Path, &SourceInfo)], limits: &Limits) -> Result<Lattice> {
     let placed: Vec<Placed> = rasters.iter().map(|(path, info)| placed(path, info)).collect::<Result<_>>()?;
     let Some(first) = placed.first() else { return Err(Error::usage("there is no raster to join")) };
@@ -130,7 +130,8 @@ fn pixel_of(reference: &[f64; 6], transform: &[f64; 6], (u, v): (f64, f64)) -> (
     ((e * dx - b * dy) / determinant, (a * dy - d * dx) / determinant)
 }
 
-/// Columns and rows from the reference to a raster, every corner of which must be where whole samples put it.
+/// Columns and rows from the reference to a raster, every corner of which must be where whole
+/// samples put it.
 fn offset(reference: &Placed, raster: &Placed) -> Result<(i64, i64)> {
     let (column, row) = pixel_of(&reference.transform, &raster.transform, (0.0, 0.0));
     // Farther away no two samples have a lattice in common that a limit allows.
@@ -182,7 +183,8 @@ fn side(what: &str, samples: i64, limits: &Limits) -> Result<u32> {
     }
 }
 
-/// The geotransform of all: exactly that of the raster in the corner, or else of the westernmost and northernmost.
+/// The geotransform of all: exactly that of the raster in the corner, or else of the westernmost
+/// and northernmost.
 fn origin(reference: &Placed, all: &[Placed], origins: &[(i64, i64)], (west, north): (i64, i64)) -> [f64; 6] {
     let [x0, a, b, y0, d, e] = reference.transform;
     // The reference is one of the northernmost.

@@ -1,13 +1,15 @@
 //! Many rasters as one: a lattice that holds them all, and of each place the sample that counts.
 //!
-//! A window is read from the members that it meets and from no others, in parallel, and put together in their order:
-//! the result does not depend on the number of threads. A member that covers a window alone is handed through as it
-//! is. Files are opened when they are needed and closed when a sweep has passed them, so that ten thousand are as good
-//! as ten, and each decodes no block twice in a sweep (see `pool` for the one exception).
+//! A window is read from the members that it meets and from no others, in parallel, and put
+//! together in their order: the result does not depend on the number of threads. A member that
+//! covers a window alone is handed through as it is. Files are opened when they are needed and
+//! closed when a sweep has passed them, so that ten thousand are as good as ten, and each decodes
+//! no block twice in a sweep (see `pool` for the one exception).
 //!
-//! A void never hides a valid sample, whatever the order. Samples come in the narrowest type that holds those of all
-//! members exactly. What is void is one of three: what the nodata value that all members share stands for, NaN in floats, or
-//! masked out where integers come with different nodata values.
+//! A void never hides a valid sample, whatever the order. Samples come in the narrowest type that
+//! holds those of all members exactly. What is void is one of three: what the nodata value that all
+//! members share stands for, NaN in floats, or masked out where integers come with different nodata
+//! values.
 
 mod canvas;
 mod index;
@@ -99,7 +101,8 @@ impl Mosaic {
         Ok(canvas.finish())
     }
 
-    /// How many members to read at a time: as many as take twice the memory of the window, at least one.
+    /// How many members to read at a time: as many as take twice the memory of the window, at least
+    /// one.
     fn batch(&self, members: &[usize], columns: &Range<u32>, rows: &Range<u32>) -> usize {
         let most = AHEAD * columns.len() * rows.len();
         let mut samples = 0_usize;

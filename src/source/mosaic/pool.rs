@@ -1,5 +1,6 @@
-//! Members that are open. Kept from one window to the next are those that the rows of the window meet: an open raster
-//! has blocks that the next window wants again. A sweep from north to south closes what it has passed.
+//! Members that are open. Kept from one window to the next are those that the rows of the window
+//! meet: an open raster has blocks that the next window wants again. A sweep from north to south
+//! closes what it has passed.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -10,12 +11,13 @@ use super::member::{Held, Member};
 use crate::error::Result;
 use crate::source::Source;
 
-/// Most files kept open by all mosaics together: a process may open 256 on some systems. Where the rows of a window
-/// meet more members, those beyond are opened for every window anew, and decode the blocks that windows share again.
+/// Most files kept open by all mosaics together: a process may open 256 on some systems. Where the
+/// rows of a window meet more members, those beyond are opened for every window anew, and decode
+/// the blocks that windows share again.
 const MOST: usize = 200;
 
-/// [`MOST`], or what the process may open if that is less: half of what is left beside the files that are written, as a raster may have
-/// a mask beside it.
+/// [`MOST`], or what the process may open if that is less: half of what is left beside the files
+/// that are written, as a raster may have a mask beside it.
 static MOST_HERE: LazyLock<usize> = LazyLock::new(|| match crate::file::most_open() {
     Some(most) => usize::try_from(most.saturating_sub(OTHERS) / 2).unwrap_or(MOST).clamp(1, MOST),
     None => MOST,
@@ -77,7 +79,8 @@ impl Pool {
         Ok(source)
     }
 
-    /// Closes the members that some rows of the mosaic do not meet; those that cannot be closed let go of what they can.
+    /// Closes the members that some rows of the mosaic do not meet; those that cannot be closed let
+    /// go of what they can.
     pub(super) fn leave(&self, members: &[Member], rows: &Range<u32>) {
         let meets = |member: &Member| member.rect.rows.start < rows.end && rows.start < member.rect.rows.end;
         self.lock().retain(|&index, (source, _)| {

@@ -1,4 +1,5 @@
-//! A picture made of blocks: windows of converted pixels, put together from blocks that the cache remembers.
+//! A picture made of blocks: windows of converted pixels, put together from blocks that the cache
+//! remembers.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -40,13 +41,15 @@ pub(super) struct Raw {
 pub(super) trait Blocks: Send + Sync {
     /// Size of the raster and of its blocks.
     fn shape(&self) -> Shape;
-    /// True if the file has no such block of any of these bands: all of its samples are nodata, or 0.
+    /// True if the file has no such block of any of these bands: all of its samples are nodata, or
+    /// 0.
     fn is_absent(&self, block: usize, bands: &[usize]) -> bool;
     /// Samples of a pixel that are decoded to get these bands.
     fn samples_read(&self, bands: &[usize]) -> usize {
         bands.len()
     }
-    /// Samples of these bands (from 0), `block_width` in a row. Rows below the raster may be missing.
+    /// Samples of these bands (from 0), `block_width` in a row. Rows below the raster may be
+    /// missing.
     fn read(&self, block: usize, bands: &[usize]) -> Result<Raw>;
     /// The files behind it.
     fn files(&self) -> Vec<PathBuf>;
@@ -126,7 +129,8 @@ impl Layer {
         Self { blocks, recipe, bands, cache: Arc::clone(cache), number: cache.register() }
     }
 
-    /// Memory that its blocks take: while one is decoded, as stored, decoded and converted; and all of them as they are kept.
+    /// Memory that its blocks take: while one is decoded, as stored, decoded and converted; and all
+    /// of them as they are kept.
     fn memory(&self) -> Memory {
         let shape = self.blocks.shape();
         let pixels = u64::from(shape.block_width) * u64::from(shape.block_height);
@@ -253,7 +257,8 @@ impl BlockPicture {
         u64::from(self.info.width) * u64::from(self.info.height)
     }
 
-    /// Values of each colour band at opaque pixels of a block, about `most` of them; `None`: the least and the greatest.
+    /// Values of each colour band at opaque pixels of a block, about `most` of them; `None`: the
+    /// least and the greatest.
     pub(super) fn values(&self, block: usize, most: Option<usize>) -> Result<Vec<Vec<f64>>> {
         let (layer, shape) = (&self.layer, self.layer.blocks.shape());
         let recipe = &layer.recipe;
@@ -294,8 +299,8 @@ impl BlockPicture {
         Ok(values)
     }
 
-    /// Looks at alpha of 16 bits, of which some writers use the lower 8 only: a picture that is nowhere more opaque than that was
-    /// meant to be opaque there. A few blocks tell.
+    /// Looks at alpha of 16 bits, of which some writers use the lower 8 only: a picture that is
+    /// nowhere more opaque than that was meant to be opaque there. A few blocks tell.
     pub(super) fn settle_alpha(&mut self, limits: &Limits) -> Result<()> {
         let layer = &self.layer;
         if layer.recipe.alpha.is_none() || layer.recipe.kind != SampleType::Uint16 {

@@ -1,7 +1,7 @@
 //! Decoded blocks of all pictures of a build, the least recently used of them forgotten first.
 //!
-//! A block that several threads want at once is decoded by one of them, the others wait. That is safe because decoding never waits for a
-//! thread pool.
+//! A block that several threads want at once is decoded by one of them, the others wait. That is
+//! safe because decoding never waits for a thread pool.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -15,7 +15,8 @@ pub(super) struct Recipe {
     pub(super) colours: Vec<usize>,
     /// The band that is alpha, from 0, or a mask.
     pub(super) alpha: Option<usize>,
-    /// The sample of alpha that is opaque, where alpha has 16 bits: 65535, or 255 of files whose writer kept to bytes.
+    /// The sample of alpha that is opaque, where alpha has 16 bits: 65535, or 255 of files whose
+    /// writer kept to bytes.
     pub(super) opaque: f64,
     /// True if colours were multiplied by it.
     pub(super) premultiplied: bool,

@@ -1,10 +1,12 @@
-//! PNG, JPEG and WebP pictures, natively: where they lie says a world file or a sidecar beside them.
+//! PNG, JPEG and WebP pictures, natively: where they lie says a world file or a sidecar beside
+//! them.
 //!
-//! The crate `image` decodes PNG and WebP. It would fill what is missing of a JPEG that is cut off, so JPEG goes to `zune-jpeg`
-//! beneath it, which can be told to refuse that.
+//! The crate `image` decodes PNG and WebP. It would fill what is missing of a JPEG that is cut off,
+//! so JPEG goes to `zune-jpeg` beneath it, which can be told to refuse that.
 //!
-//! A picture is one block: what its format compresses is decoded whole. What that takes is known before it is done
-//! (`Memory`), so that a build within a limit of memory refuses a picture that is too large for it.
+//! A picture is one block: what its format compresses is decoded whole. What that takes is known
+//! before it is done (`Memory`), so that a build within a limit of memory refuses a picture that is
+//! too large for it.
 
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};

@@ -1,8 +1,10 @@
-//! Pictures through GDAL, behind the feature `gdal`: other formats, and pictures of other coordinate systems.
+//! Pictures through GDAL, behind the feature `gdal`: other formats, and pictures of other
+//! coordinate systems.
 //!
-//! A picture of another coordinate system is warped while it is read, by GDAL's own `gdalwarp` into a virtual raster (bilinear, of
-//! a palette the nearest index; transparent where nothing comes from). It is then resampled onto the texel grid like any other. A
-//! dataset serves one thread at a time, so reads are serialised; GDAL's messages come back in the errors.
+//! A picture of another coordinate system is warped while it is read, by GDAL's own `gdalwarp` into
+//! a virtual raster (bilinear, of a palette the nearest index; transparent where nothing comes
+//! from). It is then resampled onto the texel grid like any other. A dataset serves one thread at a
+//! time, so reads are serialised; GDAL's messages come back in the errors.
 
 use std::ffi::{CStr, CString, c_char};
 use std::path::{Path, PathBuf};
@@ -71,7 +73,8 @@ pub(super) fn open(path: &Path, options: &PictureOptions, crs: &Crs, limits: &Li
     Ok(parts)
 }
 
-/// The coordinate system in a `.prj` beside a picture without one: GDAL passes over it beside most formats.
+/// The coordinate system in a `.prj` beside a picture without one: GDAL passes over it beside most
+/// formats.
 fn beside(dataset: &Dataset, path: &Path, limits: &Limits) -> Result<Option<(PathBuf, SpatialRef)>> {
     if dataset.spatial_ref().is_ok() || dataset.gcp_spatial_ref().is_some() {
         return Ok(None);
@@ -129,8 +132,9 @@ fn warp(dataset: &Dataset, target: &SpatialRef, own: Option<&SpatialRef>) -> Res
     let mut list: Vec<*mut c_char> = words.iter().map(|word| word.as_ptr().cast_mut()).collect();
     list.push(ptr::null_mut());
     let mut sources = [dataset.c_dataset()];
-    // SAFETY: the list of words ends with a null and outlives the call that copies them; the options are freed once, after their
-    // only use; the dataset is open, and outlives the one made (see `Opened`). GDAL does not write to the words.
+    // SAFETY: the list of words ends with a null and outlives the call that copies them; the
+    // options are freed once, after their only use; the dataset is open, and outlives the one made
+    // (see `Opened`). GDAL does not write to the words.
     #[expect(unsafe_code, reason = "the bindings have no safe call for it")]
     let warped = unsafe {
         gdal_sys::CPLErrorReset();
@@ -147,7 +151,8 @@ fn warp(dataset: &Dataset, target: &SpatialRef, own: Option<&SpatialRef>) -> Res
         made
     };
     if warped.is_null() {
-        // SAFETY: GDAL gives a C string that is valid until the next error of this thread; it is copied here.
+        // SAFETY: GDAL gives a C string that is valid until the next error of this thread; it is
+        // copied here.
         #[expect(unsafe_code, reason = "the bindings have no safe call for it")]
         let message =
             unsafe { CStr::from_ptr(gdal_sys::CPLGetLastErrorMsg()).to_string_lossy().into_owned() };

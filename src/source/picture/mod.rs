@@ -1,9 +1,10 @@
 //! Pictures to read from: windows of 8-bit colours with alpha, whatever the file holds.
 //!
-//! A picture gives what is to be seen: bands are chosen, palettes looked up, wide samples stretched to 8 bits, colours that were
-//! multiplied by alpha divided again. Its pixels are areas: pixel (c, r) covers columns c to c + 1 and rows r to r + 1 of its
-//! geotransform. A pixel is transparent if its alpha or mask says so, or if all chosen bands have the nodata value (one that only some
-//! of them have is a colour), as `gdalwarp` takes it.
+//! A picture gives what is to be seen: bands are chosen, palettes looked up, wide samples stretched
+//! to 8 bits, colours that were multiplied by alpha divided again. Its pixels are areas: pixel (c,
+//! r) covers columns c to c + 1 and rows r to r + 1 of its geotransform. A pixel is transparent if
+//! its alpha or mask says so, or if all chosen bands have the nodata value (one that only some of
+//! them have is a colour), as `gdalwarp` takes it.
 
 mod blocks;
 mod cache;
@@ -31,7 +32,8 @@ use crate::source::Fingerprint;
 use crate::source::open::NEEDS_GDAL;
 use crate::texel::Colour;
 
-/// Bytes of decoded blocks that are kept of all pictures together: those of a row of tiles over the widest strips that one meets.
+/// Bytes of decoded blocks that are kept of all pictures together: those of a row of tiles over the
+/// widest strips that one meets.
 pub const KEPT: u64 = 512 << 20;
 
 /// What to do about a picture without a place.
@@ -43,7 +45,8 @@ const NOWHERE: &str =
 pub struct Pixels {
     /// Bytes of each pixel that follow each other: 1 for grey, 3 for red, green and blue; sRGB.
     pub colour: Vec<u8>,
-    /// One byte a pixel, 0 transparent to 255 opaque; colours are not multiplied by it. `None` if all are opaque.
+    /// One byte a pixel, 0 transparent to 255 opaque; colours are not multiplied by it. `None` if
+    /// all are opaque.
     pub alpha: Option<Vec<u8>>,
 }
 
@@ -56,7 +59,8 @@ pub struct PictureInfo {
     pub height: u32,
     /// What its colours are.
     pub kind: Colour,
-    /// True if it has an alpha band, in which there are degrees of transparency; a mask or a nodata value knows none.
+    /// True if it has an alpha band, in which there are degrees of transparency; a mask or a nodata
+    /// value knows none.
     pub has_alpha: bool,
     /// Where it lies.
     pub geo: Geo,
@@ -75,7 +79,8 @@ pub struct PictureNote {
     pub description: String,
     /// Bands that became grey, or red, green and blue, from 1.
     pub bands: Vec<u32>,
-    /// For each of them the values that became 0 and 255; empty for 8-bit samples taken as they are.
+    /// For each of them the values that became 0 and 255; empty for 8-bit samples taken as they
+    /// are.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub stretch: Vec<(f64, f64)>,
 }
@@ -98,15 +103,15 @@ pub trait Picture: Send + Sync {
         Memory::default()
     }
 
-    /// Lets what is kept for later reads take so many bytes at most, in all pictures together that were opened with this one. The fewer they
-    /// are, the more often the same is decoded again.
+    /// Lets what is kept for later reads take so many bytes at most, in all pictures together that
+    /// were opened with this one. The fewer they are, the more often the same is decoded again.
     fn keep(&self, _bytes: u64) {}
 
     /// The files it is made of, as they are on disk now.
     fn fingerprint(&self) -> Result<Fingerprint>;
 
-    /// Every file that is read: the picture, its mask, what lies beside it and says what it is. None for a picture in
-    /// memory.
+    /// Every file that is read: the picture, its mask, what lies beside it and says what it is.
+    /// None for a picture in memory.
     fn files(&self) -> Vec<PathBuf> {
         Vec::new()
     }
@@ -117,25 +122,30 @@ pub trait Picture: Send + Sync {
 pub struct Memory {
     /// What each thread takes that reads from it.
     pub reading: u64,
-    /// The largest block, converted: one of all pictures that were opened together stays whatever they may keep.
+    /// The largest block, converted: one of all pictures that were opened together stays whatever
+    /// they may keep.
     pub block: u64,
-    /// What is kept for later reads. Pictures that were opened together have [`KEPT`] in all unless [`Picture::keep`] says otherwise.
+    /// What is kept for later reads. Pictures that were opened together have [`KEPT`] in all unless
+    /// [`Picture::keep`] says otherwise.
     pub kept: u64,
 }
 
 /// How pictures are read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PictureOptions {
-    /// Bands from 1: one (grey) or three (red, green, blue), and one more as alpha; `None`: as the file says, or the first three.
+    /// Bands from 1: one (grey) or three (red, green, blue), and one more as alpha; `None`: as the
+    /// file says, or the first three.
     pub bands: Option<Vec<u32>>,
-    /// How samples become 8 bits; `None`: 8-bit samples as they are, others by [`Stretch::Percent`] 2 and 98.
+    /// How samples become 8 bits; `None`: 8-bit samples as they are, others by [`Stretch::Percent`]
+    /// 2 and 98.
     pub stretch: Option<Stretch>,
 }
 
 /// Opens pictures that lie in the coordinate system `crs`.
 ///
-/// A TIFF, PNG, JPEG or WebP is read natively, anything else by GDAL if that is built in, which also brings pictures of other coordinate systems into this
-/// one. Values are stretched by the same rule in all pictures of one sample type, so that they stay one mosaic.
+/// A TIFF, PNG, JPEG or WebP is read natively, anything else by GDAL if that is built in, which
+/// also brings pictures of other coordinate systems into this one. Values are stretched by the same
+/// rule in all pictures of one sample type, so that they stay one mosaic.
 pub fn open_all(
     paths: &[PathBuf],
     options: &PictureOptions,
@@ -178,7 +188,8 @@ fn open(
     Ok(picture)
 }
 
-/// Fails if threads that decode blocks of a picture take more than opening it may, and `more` bytes with them.
+/// Fails if threads that decode blocks of a picture take more than opening it may, and `more` bytes
+/// with them.
 fn check_opening(picture: &BlockPicture, more: u64, limits: &Limits) -> Result<()> {
     let threads = rayon::current_num_threads().min(picture.blocks()) as u64;
     let needed = (24 << 20) + picture.memory().reading.saturating_mul(threads).saturating_add(more);
@@ -193,8 +204,8 @@ fn check_opening(picture: &BlockPicture, more: u64, limits: &Limits) -> Result<(
     )))
 }
 
-/// Refuses a picture that lies nowhere, or elsewhere. One that says where, but not in what, lies in the coordinate system of
-/// the heights: a world file cannot name one.
+/// Refuses a picture that lies nowhere, or elsewhere. One that says where, but not in what, lies in
+/// the coordinate system of the heights: a world file cannot name one.
 fn place(mut parts: Parts, crs: &Crs) -> Result<Parts> {
     let geo = &mut parts.geo;
     if geo.transform.is_none() {

@@ -1,4 +1,5 @@
-//! How wide samples become 8 bits: one straight line for each band, the same in all pictures of a build.
+//! How wide samples become 8 bits: one straight line for each band, the same in all pictures of a
+//! build.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -28,7 +29,8 @@ pub enum Stretch {
 }
 
 impl Stretch {
-    /// What is done where nothing is said: samples wider than 8 bits lose two per cent at either end.
+    /// What is done where nothing is said: samples wider than 8 bits lose two per cent at either
+    /// end.
     const WIDE: Self = Self::Percent(2.0, 98.0);
 
     fn check(self) -> Result<Self> {

@@ -121,12 +121,14 @@ fn roles(bands: usize, meaning: &Meaning) -> Vec<Role> {
     (0..bands).map(|band| meaning.account.role(band as u32 + 1).unwrap_or_else(|| of_tags(band))).collect()
 }
 
-/// Nodata of each of some bands; `None` if one of them has none: a pixel is hidden if all bands have theirs.
+/// Nodata of each of some bands; `None` if one of them has none: a pixel is hidden if all bands
+/// have theirs.
 pub(super) fn nodata(bands: &[usize], of: impl Fn(usize) -> Option<f64>) -> Option<Vec<f64>> {
     bands.iter().map(|&band| of(band)).collect()
 }
 
-/// Bands that become colours, and the one that is alpha, from 0: as wanted, else by their roles, else the first ones.
+/// Bands that become colours, and the one that is alpha, from 0: as wanted, else by their roles,
+/// else the first ones.
 pub(super) fn choose(
     roles: &[Role],
     wanted: Option<&[u32]>,

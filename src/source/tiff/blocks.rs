@@ -1,9 +1,10 @@
 //! Windows of one band, gathered from its blocks.
 //!
-//! Blocks are decoded in parallel, straight into the window; uncompressed ones are read by `direct`. The decoded blocks
-//! that a sweep from north to south will want again (those under the rows that consecutive bands share) are kept, and
-//! no others, so that no block is decoded twice and memory is bounded by one band and one row of blocks. The result
-//! does not depend on the number of threads, nor does the error: the first damaged block in file order is reported.
+//! Blocks are decoded in parallel, straight into the window; uncompressed ones are read by
+//! `direct`. The decoded blocks that a sweep from north to south will want again (those under the
+//! rows that consecutive bands share) are kept, and no others, so that no block is decoded twice
+//! and memory is bounded by one band and one row of blocks. The result does not depend on the
+//! number of threads, nor does the error: the first damaged block in file order is reported.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -25,14 +26,15 @@ const SWEEPS: usize = 4;
 /// Bytes that the system is asked to fetch at a time for the next window, at most.
 const AHEAD: u64 = 64 << 20;
 
-/// Buffers of threads that are not decoding: of all rasters together, since a mosaic has hundreds open.
+/// Buffers of threads that are not decoding: of all rasters together, since a mosaic has hundreds
+/// open.
 static BUFFERS: Mutex<Vec<Buffers>> = Mutex::new(Vec::new());
 
 /// Bytes of buffers that are given back rather than kept.
 const LARGE: usize = 16 << 20;
 
-/// Bytes that are read of a block which has so many decoded: no encoder makes one more than twice as large, and what stands behind is
-/// not needed.
+/// Bytes that are read of a block which has so many decoded: no encoder makes one more than twice
+/// as large, and what stands behind is not needed.
 fn most_packed(decoded: u64) -> u64 {
     decoded.saturating_mul(2).saturating_add(1 << 16)
 }
@@ -85,7 +87,8 @@ impl Band {
         }
     }
 
-    /// Writes the samples of a window, which must lie inside the raster, over `samples`; `fill` where a sparse file has no block.
+    /// Writes the samples of a window, which must lie inside the raster, over `samples`; `fill`
+    /// where a sparse file has no block.
     pub(super) fn window<T: Number>(
         &self,
         columns: &Range<u32>,
@@ -98,7 +101,8 @@ impl Band {
         if samples.is_empty() {
             return Ok(());
         }
-        // Sweeps go from north to south: while this window is worked on the system can fetch the next one.
+        // Sweeps go from north to south: while this window is worked on the system can fetch the
+        // next one.
         let next = rows.end..rows.end.saturating_add(rows.len() as u32).min(layout.height);
         if let Some(Range { start, end }) = layout.span(columns, &next) {
             self.file.will_need(start..end.min(start.saturating_add(AHEAD)));
@@ -133,7 +137,8 @@ impl Band {
         let block = stored.max(bits);
         let packed = layout.counts.iter().copied().max().unwrap_or(0).min(most_packed(stored));
         let column = (u64::from(layout.across) as f64) * block as f64 / f64::from(layout.width.max(1));
-        // Where the last block is made of bits or bytes are put in order, a second buffer stands beside the first.
+        // Where the last block is made of bits or bytes are put in order, a second buffer stands
+        // beside the first.
         let thread = packed.saturating_add(block).saturating_add(stored.min(bits).max(layout.row_bytes()));
         ReadMemory { sample, column, block, thread }
     }

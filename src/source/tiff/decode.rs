@@ -1,9 +1,10 @@
 //! One block from its bytes in the file to samples of one band in this machine's byte order.
 //!
-//! Output sizes come from the layout alone: a block that yields less is damaged, what it yields beyond is ignored, as
-//! libtiff does. LZW goes through `weezl` itself, because the decoder of the `tiff` crate (0.11.3) gives up on
-//! valid blocks without an end code. Deflate goes through libdeflate, which wants all of a stream at once, and
-//! through flate2 where a block does not end where it should.
+//! Output sizes come from the layout alone: a block that yields less is damaged, what it yields
+//! beyond is ignored, as libtiff does. LZW goes through `weezl` itself, because the decoder of the
+//! `tiff` crate (0.11.3) gives up on valid blocks without an end code. Deflate goes through
+//! libdeflate, which wants all of a stream at once, and through flate2 where a block does not end
+//! where it should.
 
 use zstd::zstd_safe::{DCtx, InBuffer, OutBuffer, ResetDirective, get_error_name};
 
@@ -38,8 +39,8 @@ pub(super) fn resize(buffer: &mut Vec<u8>, length: usize) -> Result<()> {
     Ok(())
 }
 
-/// Decodes the packed bytes of a block of `rows` coded rows; the result has `block_width` samples (bytes 0 or 1 for
-/// bits) in each row.
+/// Decodes the packed bytes of a block of `rows` coded rows; the result has `block_width` samples
+/// (bytes 0 or 1 for bits) in each row.
 ///
 /// `name` says which block it is in messages.
 pub(super) fn block(
@@ -96,8 +97,9 @@ enum Problem {
 fn lzw(packed: &[u8], out: &mut [u8]) -> Result<usize, Problem> {
     use weezl::BitOrder::{Lsb, Msb};
     use weezl::decode::Configuration;
-    // A block begins with the code that clears the table, in 9 bits. Before 1988 codes were packed from the lowest bit
-    // up, and grew longer one code later, as in GIF; libtiff reads such files too.
+    // A block begins with the code that clears the table, in 9 bits. Before 1988 codes were packed
+    // from the lowest bit up, and grew longer one code later, as in GIF; libtiff reads such files
+    // too.
     let is_old = matches!(packed, [0, second, ..] if second & 1 == 1);
     let configuration =
         if is_old { Configuration::new(Lsb, 8) } else { Configuration::with_tiff_size_switch(Msb, 8) };
@@ -268,8 +270,8 @@ fn sum<const N: usize>(row: &mut [u8], bands: usize, add: impl Fn([u8; N], [u8; 
     }
 }
 
-/// Predictor 3: sums bytes along the row, then takes byte `k` of a number from the `k`th part of the row. `planes` has
-/// room for a row.
+/// Predictor 3: sums bytes along the row, then takes byte `k` of a number from the `k`th part of
+/// the row. `planes` has room for a row.
 fn sum_and_merge_bytes(bytes: &mut [u8], row_bytes: usize, size: usize, bands: usize, planes: &mut [u8]) {
     for row in bytes.chunks_exact_mut(row_bytes) {
         sum(row, bands, |a: [u8; 1], b| [a[0].wrapping_add(b[0])]);

@@ -1,7 +1,8 @@
 //! Uncompressed samples, read from the file straight to where they are wanted.
 //!
-//! Whole rows of one band that follow each other in the file are read in long runs, cut for the threads. Of anything else
-//! only the wanted bytes of a row are read, or several rows at once where nearly all of a row is wanted.
+//! Whole rows of one band that follow each other in the file are read in long runs, cut for the
+//! threads. Of anything else only the wanted bytes of a row are read, or several rows at once where
+//! nearly all of a row is wanted.
 
 use std::ops::Range;
 
@@ -14,7 +15,8 @@ use super::layout::Layout;
 use super::parts::{Number, Part};
 use crate::error::{Error, Result};
 
-/// Bytes of one read: long enough to make the call cheap, short enough for the fast caches and for several threads.
+/// Bytes of one read: long enough to make the call cheap, short enough for the fast caches and for
+/// several threads.
 pub(super) const READ_BYTES: usize = 512 << 10;
 
 /// Rows that follow each other in the file; `None` where a sparse file has none.

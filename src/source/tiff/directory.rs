@@ -1,9 +1,11 @@
-//! Headers, directories and tag values of a TIFF file, classic and big, of either byte order, read by position.
+//! Headers, directories and tag values of a TIFF file, classic and big, of either byte order, read
+//! by position.
 //!
-//! What a directory means is libtiff's reading of it, which is GDAL's: of a tag that is there twice the first counts,
-//! a number may be stored in any type that holds it, and a chain of directories that is damaged behind the first ends
-//! where it is damaged. Nothing is allocated before the file is known to be long enough for it, and directories
-//! and values that overlap cannot multiply: what is read of all of them together is bounded by the length of the file.
+//! What a directory means is libtiff's reading of it, which is GDAL's: of a tag that is there twice
+//! the first counts, a number may be stored in any type that holds it, and a chain of directories
+//! that is damaged behind the first ends where it is damaged. Nothing is allocated before the file
+//! is known to be long enough for it, and directories and values that overlap cannot multiply: what
+//! is read of all of them together is bounded by the length of the file.
 
 use std::collections::HashSet;
 
@@ -80,7 +82,8 @@ impl Directory {
 }
 
 impl<'a> Reader<'a> {
-    /// Reads the header. Anything that does not start like a TIFF is [`Error::Unsupported`]: it may be another format.
+    /// Reads the header. Anything that does not start like a TIFF is [`Error::Unsupported`]: it may
+    /// be another format.
     pub(super) fn new(file: &'a TiffFile, limits: &Limits) -> Result<Self> {
         let mut head = [0; kind::LOOK];
         let start = &mut head[..file.length().min(kind::LOOK as u64) as usize];
@@ -153,7 +156,8 @@ impl<'a> Reader<'a> {
         Ok(found)
     }
 
-    /// How many entries the directory at an offset has; `None` if it has none, or the file not all of them.
+    /// How many entries the directory at an offset has; `None` if it has none, or the file not all
+    /// of them.
     fn entry_count(&self, at: u64) -> Result<Option<u64>> {
         let room = self.file.length().checked_sub(at);
         let Some(room) = room.and_then(|room| room.checked_sub(self.count_bytes() as u64)) else {
@@ -254,7 +258,8 @@ impl<'a> Reader<'a> {
         Ok(Some(bytes.chunks_exact(bytes_of(kind as u16) as usize).map(value).collect()))
     }
 
-    /// A text up to its first NUL. Bytes that are not UTF-8 become `?` one by one, so that offsets into it stay right.
+    /// A text up to its first NUL. Bytes that are not UTF-8 become `?` one by one, so that offsets
+    /// into it stay right.
     pub(super) fn text(&mut self, directory: &Directory, tag: Tag) -> Result<Option<String>> {
         let Some(Raw { kind, mut bytes }) = self.raw(directory, tag, u64::MAX)? else { return Ok(None) };
         if bytes_of(kind as u16) != 1 {
@@ -365,7 +370,8 @@ mod tests {
         Ok((directories.len(), directories.iter().map(|directory| directory.entries.len()).sum()))
     }
 
-    /// Directories of 200 entries, `stride` bytes from one to the next, whose offsets of strips are all the same values.
+    /// Directories of 200 entries, `stride` bytes from one to the next, whose offsets of strips are
+    /// all the same values.
     fn chain(count: u32, stride: usize, values: u32) -> Vec<u8> {
         let mut file = b"II*\0\x08\0\0\0".to_vec();
         let (entries, links) = (200 * 12, 8 + 2 + 200 * 12);

@@ -1,7 +1,8 @@
 //! One open TIFF file, read by position from several threads.
 //!
-//! Nothing is mapped: a file that another program shortens or a disk that fails gives an error that names the place,
-//! and what is read is copied once, into a buffer whose size does not come from the file alone.
+//! Nothing is mapped: a file that another program shortens or a disk that fails gives an error that
+//! names the place, and what is read is copied once, into a buffer whose size does not come from
+//! the file alone.
 
 use std::fs::File;
 use std::io;

@@ -43,8 +43,9 @@ pub(super) fn read(reader: &mut Reader<'_>, image: &Directory) -> Result<Tags> {
     })
 }
 
-/// GDAL's geotransform. The pixel scale goes before the matrix, the first tie point alone counts, and a negative y
-/// scale is taken for a mistake: GDAL reads such files north up. Tie points without a scale are control points.
+/// GDAL's geotransform. The pixel scale goes before the matrix, the first tie point alone counts,
+/// and a negative y scale is taken for a mistake: GDAL reads such files north up. Tie points
+/// without a scale are control points.
 fn transform(scale: &[f64], ties: &[f64], matrix: &[f64], pixel_is_point: bool) -> Option<([f64; 6], u16)> {
     let (mut found, tag) = match (scale, ties, matrix) {
         (&[sx, sy, ..], _, _) if sx != 0.0 && sy != 0.0 => {

@@ -1,7 +1,8 @@
 //! JPEG blocks of pictures, by way of `zune-jpeg`.
 //!
-//! A block lacks the tables that all blocks share: they go before it. A block in several scans of one component each would be decoded to
-//! garbage without an error (zune-jpeg 0.5.15), so it is refused.
+//! A block lacks the tables that all blocks share: they go before it. A block in several scans of
+//! one component each would be decoded to garbage without an error (zune-jpeg 0.5.15), so it is
+//! refused.
 
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
@@ -12,7 +13,8 @@ use super::layout::Layout;
 use crate::error::{Error, Result};
 use crate::source::open::NEEDS_GDAL;
 
-/// Decodes a block of `rows` rows into `out`, which is as wide as the block; the bytes that there are. `name` says which block it is.
+/// Decodes a block of `rows` rows into `out`, which is as wide as the block; the bytes that there
+/// are. `name` says which block it is.
 pub(super) fn decode(
     packed: &[u8],
     layout: &Layout,
@@ -60,8 +62,8 @@ fn join(tables: &[u8], packed: &[u8]) -> Vec<u8> {
     [&[0xFF, 0xD8], shared, image].concat()
 }
 
-/// Looks at the segments up to the first scan: as many components in it as in the frame, `bands` if that is
-/// known, 8 bits each.
+/// Looks at the segments up to the first scan: as many components in it as in the frame, `bands` if
+/// that is known, 8 bits each.
 pub(in crate::source) fn check(stream: &[u8], bands: Option<usize>, name: &dyn Fn() -> String) -> Result<()> {
     let mut rest = stream.get(2..).unwrap_or_default();
     let mut frame = None;

@@ -1,7 +1,9 @@
-//! How one band of one image lies in a TIFF file: its grid of blocks, their encoding, offsets and byte counts.
+//! How one band of one image lies in a TIFF file: its grid of blocks, their encoding, offsets and
+//! byte counts.
 //!
-//! Everything is checked here against [`Limits`] and against itself, so that later steps only meet numbers that make
-//! sense. What the file needs and this reader lacks is refused by its name. No sample is touched here.
+//! Everything is checked here against [`Limits`] and against itself, so that later steps only meet
+//! numbers that make sense. What the file needs and this reader lacks is refused by its name. No
+//! sample is touched here.
 
 mod places;
 mod tags;
@@ -179,7 +181,8 @@ impl Layout {
         if self.all_bands { self.band_count / self.bands } else { 1 }
     }
 
-    /// Cuts uncompressed strips into short ones, so that nobody has to read a picture that is one strip as a whole.
+    /// Cuts uncompressed strips into short ones, so that nobody has to read a picture that is one
+    /// strip as a whole.
     fn shorten(&mut self) {
         let most = (SHORT_STRIP / self.row_bytes().max(1)).max(1);
         if self.tiled || !self.is_direct() || u64::from(self.block_height) <= most {
@@ -214,7 +217,8 @@ impl Layout {
         (u64::from(self.block_width) * u64::from(self.bands) * self.stored.bits()).div_ceil(8)
     }
 
-    /// Rows that the encoder put into blocks of this row of blocks: a tile is always whole, the last strip is not.
+    /// Rows that the encoder put into blocks of this row of blocks: a tile is always whole, the
+    /// last strip is not.
     pub(super) fn coded_rows(&self, block_row: u32) -> u32 {
         if self.tiled { self.block_height } else { self.raster_rows(block_row) }
     }
@@ -229,7 +233,8 @@ impl Layout {
         self.compression == Compression::None && self.stored != Stored::Bit && !self.reversed
     }
 
-    /// Where the blocks lie that a window needs, if little else lies there that it does not; `None` of an empty window.
+    /// Where the blocks lie that a window needs, if little else lies there that it does not; `None`
+    /// of an empty window.
     pub(super) fn span(&self, columns: &Range<u32>, rows: &Range<u32>) -> Option<Range<u64>> {
         // Of rows that are not compressed the rest need not be read.
         let by_row = self.is_direct() && !self.tiled;
@@ -286,7 +291,8 @@ impl Layout {
         format!("{blocks}, {packed}{predictor}{band}")
     }
 
-    /// A block that has to be decoded as a whole must fit; of others only the rows in use are ever copied.
+    /// A block that has to be decoded as a whole must fit; of others only the rows in use are ever
+    /// copied.
     fn check_size(&self, limits: &Limits) -> Result<()> {
         let bytes = u128::from(self.row_bytes()) * u128::from(self.block_height);
         let max = if self.is_direct() && !self.all_bands {

@@ -1,9 +1,11 @@
-//! GeoTIFF, natively: strips and tiles, classic and big, either byte order, the compressions that DEMs come in.
+//! GeoTIFF, natively: strips and tiles, classic and big, either byte order, the compressions that
+//! DEMs come in.
 //!
-//! Band 1 of the first image is the elevation unless another is asked for. An internal mask (or a `.msk` file beside, as GDAL
-//! writes it) or an alpha band comes along; overviews and further bands are passed over. The file is read by position (see `file`), of a window only
-//! the blocks or bytes that it needs, and every number in the file is checked before it is used. Samples and
-//! what they mean are what GDAL reads, with what lies beside the file (see `account`).
+//! Band 1 of the first image is the elevation unless another is asked for. An internal mask (or a
+//! `.msk` file beside, as GDAL writes it) or an alpha band comes along; overviews and further bands
+//! are passed over. The file is read by position (see `file`), of a window only the blocks or bytes
+//! that it needs, and every number in the file is checked before it is used. Samples and what they
+//! mean are what GDAL reads, with what lies beside the file (see `account`).
 
 mod blocks;
 mod decode;
@@ -63,7 +65,8 @@ struct Validity {
 impl TiffSource {
     /// Opens a file, reads its directories and checks them.
     ///
-    /// A file that does not start like a TIFF is [`Error::Unsupported`], as is a TIFF that needs what is missing here.
+    /// A file that does not start like a TIFF is [`Error::Unsupported`], as is a TIFF that needs
+    /// what is missing here.
     pub fn open(path: &Path, limits: &Limits) -> Result<Self> {
         Self::open_band(path, None, limits)
     }
@@ -101,8 +104,8 @@ impl TiffSource {
             let bands = layout.band_count - u32::from(alpha.is_some());
             info.warnings.extend(warn::odd_band(path, bands, kind, colours));
         }
-        // A value that the type does not hold is no nodata value beside an alpha band, as to GDAL, which takes
-        // that of the tag to float32 first, be it an infinite one.
+        // A value that the type does not hold is no nodata value beside an alpha band, as to GDAL,
+        // which takes that of the tag to float32 first, be it an infinite one.
         let is_float_tag = kind == SampleType::Float32 && matches!(info.origins.nodata, Some(Origin::Tag(_)));
         let nodata = info.nodata.filter(|_| is_float_tag || info.voids().is_of(kind));
         let mask = match (mask, alpha, nodata) {

@@ -41,7 +41,8 @@ impl<T: Number> Part<'_, T> {
     }
 }
 
-/// Makes room for so many samples, which are to be written over. Fresh memory is zero already: nothing writes it twice.
+/// Makes room for so many samples, which are to be written over. Fresh memory is zero already:
+/// nothing writes it twice.
 pub(super) fn room<T: Number>(samples: &mut Vec<T>, columns: &Range<u32>, rows: &Range<u32>) -> Result<()> {
     let count = columns.len().saturating_mul(rows.len());
     if count <= samples.capacity() {
@@ -56,7 +57,8 @@ pub(super) fn room<T: Number>(samples: &mut Vec<T>, columns: &Range<u32>, rows: 
     Ok(())
 }
 
-/// The parts of a window in the order of their blocks; `out` has the samples of the window, at least one.
+/// The parts of a window in the order of their blocks; `out` has the samples of the window, at
+/// least one.
 pub(super) fn split<'a, T>(
     layout: &Layout,
     columns: &Range<u32>,

@@ -1,4 +1,5 @@
-//! A TIFF with all of its bands, block by block, as pictures are read: samples as they are, and what they mean.
+//! A TIFF with all of its bands, block by block, as pictures are read: samples as they are, and
+//! what they mean.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -25,7 +26,8 @@ pub(in crate::source) struct Raster {
 pub(in crate::source) struct Meaning {
     /// Tag 262.
     pub(in crate::source) photometric: u64,
-    /// Tag 338: what each band after the colours is; 1 and 2 are alpha, with and without colours multiplied by it.
+    /// Tag 338: what each band after the colours is; 1 and 2 are alpha, with and without colours
+    /// multiplied by it.
     pub(in crate::source) extra: Vec<u64>,
     /// Tag 320: red, then green, then blue, of each index.
     pub(in crate::source) palette: Option<Vec<u64>>,
@@ -114,8 +116,8 @@ impl Raster {
         plane as usize * layout.across as usize * layout.down as usize + block
     }
 
-    /// The samples of a block, which is there, in this machine's byte order, row by row, bands beside each other unless they lie apart.
-    /// Rows below the raster may be missing.
+    /// The samples of a block, which is there, in this machine's byte order, row by row, bands
+    /// beside each other unless they lie apart. Rows below the raster may be missing.
     pub(in crate::source) fn decode(&self, block: usize, plane: u32) -> Result<Vec<u8>> {
         Band::with_buffers(|buffers| {
             self.band.decode(self.index(block, plane), buffers)?;

@@ -1,8 +1,8 @@
-//! What says beside the samples which of them are valid, in GDAL's order: a mask in the file, a mask beside it, the nodata
-//! value, an alpha band. Only the first of them counts.
+//! What says beside the samples which of them are valid, in GDAL's order: a mask in the file, a
+//! mask beside it, the nodata value, an alpha band. Only the first of them counts.
 //!
-//! GDAL looks at alpha of bytes and of 16 bits only, and in files of two or four bands; here an alpha band is one in any file, as it
-//! is to `gdalwarp`.
+//! GDAL looks at alpha of bytes and of 16 bits only, and in files of two or four bands; here an
+//! alpha band is one in any file, as it is to `gdalwarp`.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -56,7 +56,8 @@ fn check_mask(mask: Layout) -> Result<Layout> {
     }
 }
 
-/// `dem.tif.msk`, where GDAL puts a mask unless told to put it inside; `None` if there is none, or none of this band, from 0.
+/// `dem.tif.msk`, where GDAL puts a mask unless told to put it inside; `None` if there is none, or
+/// none of this band, from 0.
 pub(super) fn external_mask(
     path: &Path,
     (of, band): (&Layout, u32),
@@ -86,8 +87,8 @@ pub(super) fn external_mask(
     read().map_err(|error: Error| error.at(&beside))
 }
 
-/// What the GDAL metadata of a mask beside a file say of a band, from 0; `None` if they say nothing: then it is no mask of
-/// that band to GDAL.
+/// What the GDAL metadata of a mask beside a file say of a band, from 0; `None` if they say
+/// nothing: then it is no mask of that band to GDAL.
 fn mask_flags(xml: &str, band: u32) -> Option<u64> {
     let document = Document::parse(xml).ok()?;
     let name = format!("INTERNAL_MASK_FLAGS_{}", band + 1);
@@ -100,8 +101,8 @@ fn mask_flags(xml: &str, band: u32) -> Option<u64> {
     Some(text.parse().unwrap_or(0))
 }
 
-/// The last band, if it is an alpha band and not the band itself; an alpha band before others says nothing of them, as
-/// to GDAL: some writers mark the second of four bands.
+/// The last band, if it is an alpha band and not the band itself; an alpha band before others says
+/// nothing of them, as to GDAL: some writers mark the second of four bands.
 pub(super) fn alpha(
     (reader, image): (&mut Reader<'_>, &Directory),
     (of, band): (&Layout, u32),

@@ -1,15 +1,17 @@
-//! The elements and attributes of a VRT that are understood: what is not listed here is refused by its name.
+//! The elements and attributes of a VRT that are understood: what is not listed here is refused by
+//! its name.
 //!
-//! GDAL passes over elements that it does not know, but it knows more than are read here, and a newer one knows more
-//! still: each may say that samples are void, scaled or resampled. Listed are those that are read (see `xml`), and those
-//! that change no sample of band 1 and no place.
+//! GDAL passes over elements that it does not know, but it knows more than are read here, and a
+//! newer one knows more still: each may say that samples are void, scaled or resampled. Listed are
+//! those that are read (see `xml`), and those that change no sample of band 1 and no place.
 
 use roxmltree::Node;
 
 use super::xml::unsupported;
 use crate::error::Result;
 
-/// Elements of a `VRTDataset`: control points are no place of a grid, overviews and blocks are for speed.
+/// Elements of a `VRTDataset`: control points are no place of a grid, overviews and blocks are for
+/// speed.
 const DATASET: [&str; 8] =
     ["SRS", "GeoTransform", "Metadata", "GCPList", "OverviewList", "BlockXSize", "BlockYSize", "MaskBand"];
 /// Elements of a band: names, colours and statistics, for people.

@@ -1,13 +1,16 @@
-//! GDAL's virtual rasters, natively: files side by side or on top of one another, sample for sample.
+//! GDAL's virtual rasters, natively: files side by side or on top of one another, sample for
+//! sample.
 //!
-//! Read is a band with simple and complex sources that are not resampled, their nodata, ratio and offset, and VRTs
-//! within VRTs. Whatever else a VRT can be is [`Error::Unsupported`], and left to GDAL where it is built in: an element
-//! or attribute that is not known is refused by its name. What lies on a network is refused even then, see `remote`.
+//! Read is a band with simple and complex sources that are not resampled, their nodata, ratio and
+//! offset, and VRTs within VRTs. Whatever else a VRT can be is [`Error::Unsupported`], and left to
+//! GDAL where it is built in: an element or attribute that is not known is refused by its name.
+//! What lies on a network is refused even then, see `remote`.
 //!
-//! Samples are GDAL's wherever GDAL has a valid one, but for places that no source has, which are void here and 0 to
-//! GDAL if the band has no nodata value. What is void is what the VRT says: `NODATA` of a complex source and
-//! `NoDataValue` of the band, not the nodata value that a file has for itself; what a file masks out is void as well.
-//! A void never hides a valid sample of an earlier source, as it does in GDAL where it comes from a simple source.
+//! Samples are GDAL's wherever GDAL has a valid one, but for places that no source has, which are
+//! void here and 0 to GDAL if the band has no nodata value. What is void is what the VRT says:
+//! `NODATA` of a complex source and `NoDataValue` of the band, not the nodata value that a file has
+//! for itself; what a file masks out is void as well. A void never hides a valid sample of an
+//! earlier source, as it does in GDAL where it comes from a simple source.
 
 mod known;
 mod remote;
@@ -53,7 +56,8 @@ fn open_inner(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Mosaic> {
         // A VRT has chosen the bands of its files.
         let inner = Nest { band: Some(source.band), ..inner };
         let piece = super::open::piece(&source.path, nodata, &inner)?;
-        // Where there is a mask it alone counts; to a file without one its nodata value is the mask.
+        // Where there is a mask it alone counts; to a file without one its nodata value is the
+        // mask.
         let own = if vrt.masked { piece.info.nodata } else { source.nodata };
         source.nodata = nodata.or(own);
         pieces.push((piece, source));
@@ -227,7 +231,8 @@ fn member(piece: Piece, source: &VrtSource, vrt: &Vrt) -> Result<Option<Member>>
     Ok(Some(mosaic::member(piece, rect, origin, nodata, scaled)))
 }
 
-/// Where a source lies, and which of its columns and rows come first: its two rectangles, cut to what there is.
+/// Where a source lies, and which of its columns and rows come first: its two rectangles, cut to
+/// what there is.
 fn place(source: &VrtSource, own: (u32, u32), all: (u32, u32)) -> Result<Option<(Rect, (u32, u32))>> {
     let whole = |size: (u32, u32)| [0.0, 0.0, f64::from(size.0), f64::from(size.1)];
     let [x0, y0, width, height] = integers(source.from.unwrap_or(whole(own)))?;

@@ -1,5 +1,6 @@
-//! Does a VRT stay on this machine? One that names what is fetched from a network is refused, also where GDAL would
-//! fetch it: who opens a file does not ask for a connection to a place that somebody else has chosen.
+//! Does a VRT stay on this machine? One that names what is fetched from a network is refused, also
+//! where GDAL would fetch it: who opens a file does not ask for a connection to a place that
+//! somebody else has chosen.
 
 use std::path::Path;
 
@@ -10,7 +11,8 @@ use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::source::markup;
 
-/// GDAL's file systems on networks, in their names anywhere: they may stand behind others, `/vsizip//vsicurl/…`.
+/// GDAL's file systems on networks, in their names anywhere: they may stand behind others,
+/// `/vsizip//vsicurl/…`.
 const SYSTEMS: [&str; 9] =
     ["/vsicurl", "/vsis3", "/vsigs", "/vsiaz", "/vsiadls", "/vsioss", "/vsiswift", "/vsihdfs", "/vsiwebhdfs"];
 

@@ -1,4 +1,5 @@
-//! The XML of a `.vrt` to what it says, every number checked for its form; what it means is `vrt`'s.
+//! The XML of a `.vrt` to what it says, every number checked for its form; what it means is
+//! `vrt`'s.
 
 use std::path::{Path, PathBuf};
 
@@ -114,7 +115,8 @@ pub(super) fn read(text: &str, path: &Path, band: Option<u32>, limits: &Limits) 
     })
 }
 
-/// True if a mask is made of the masks of the sources of a band, in their places, as `gdal_translate` writes it.
+/// True if a mask is made of the masks of the sources of a band, in their places, as
+/// `gdal_translate` writes it.
 fn is_mask_of(mask: Node, band: Node) -> bool {
     fn sources<'a, 'i>(band: Node<'a, 'i>) -> impl Iterator<Item = Node<'a, 'i>> {
         band.children().filter(|node| node.tag_name().name().ends_with("Source"))
@@ -155,8 +157,8 @@ fn check_band(band: Node) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a VRT whose last band says where the first one is void, as GDAL takes it: an alpha band behind one or three
-/// others, unless the first one has a nodata value.
+/// Refuses a VRT whose last band says where the first one is void, as GDAL takes it: an alpha band
+/// behind one or three others, unless the first one has a nodata value.
 fn check_alpha(bands: Vec<Node>, first: Node) -> Result<()> {
     let is_alpha =
         |band: &Node| child(*band, "ColorInterp").is_some_and(|node| text_of(node).trim() == "Alpha");

@@ -69,7 +69,8 @@ impl Parts {
         Self { bench, header, root, pages, tiles }
     }
 
-    /// The file with all CRCs and references right, but with this root page in place of the one that is due.
+    /// The file with all CRCs and references right, but with this root page in place of the one
+    /// that is due.
     fn join(&self, root: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
         let mut stored = Vec::new();
         let mut page = self.root.clone();

@@ -1,4 +1,5 @@
-//! The container from outside: files written from hand-made rasters, read back, damaged, and asked for heights.
+//! The container from outside: files written from hand-made rasters, read back, damaged, and asked
+//! for heights.
 
 mod hostile;
 mod opening;

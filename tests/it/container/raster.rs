@@ -1,4 +1,5 @@
-//! A sparse raster and its pyramid, straight from the words of section 2: slow, and an oracle for that.
+//! A sparse raster and its pyramid, straight from the words of section 2: slow, and an oracle for
+//! that.
 
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;

@@ -7,7 +7,8 @@ use relevo::surface::{height_at, height_at_sample, height_in_tile};
 
 use super::raster::{INTEGER, Random, Raster};
 
-/// The surface at a point, from the samples alone: validity, height, and whether all its triangle has heights.
+/// The surface at a point, from the samples alone: validity, height, and whether all its triangle
+/// has heights.
 fn brute(raster: &Raster, column: f64, row: f64) -> (f64, f64, bool) {
     let last = f64::from(raster.header.tile() << raster.header.levels);
     let (i, j) = (column.floor().min(last - 1.0), row.floor().min(last - 1.0));

@@ -77,7 +77,8 @@ impl Ground {
         [x, y, parallel, meridian]
     }
 
-    /// Distance from a point to the nearest point of a piece: of a line that is straight on the ground, or by halving.
+    /// Distance from a point to the nearest point of a piece: of a line that is straight on the
+    /// ground, or by halving.
     pub fn to_piece(self, p: Point, [a, b]: [Point; 2]) -> f64 {
         let on = |t: f64| (a.0 + t * (b.0 - a.0), a.1 + t * (b.1 - a.1));
         if !self.degrees {

@@ -19,8 +19,8 @@ pub struct Ratio {
     pub truth: f64,
     /// Of the smallest monotone table: of those that are, and of limits of them.
     pub least: f64,
-    /// The same, if of the outline no more is known than what lies within the leaf tile of a point, for spacings up to a leaf tile: what
-    /// a program can know that makes leaf tiles one by one.
+    /// The same, if of the outline no more is known than what lies within the leaf tile of a point,
+    /// for spacings up to a leaf tile: what a program can know that makes leaf tiles one by one.
     pub of_tile: f64,
     /// True if the patch is not wholly within the raster.
     pub at_edge: bool,
@@ -51,9 +51,11 @@ pub struct Oracle {
     tile: usize,
     /// To an interval.
     parts: usize,
-    /// Of each point on quarters: validity at full resolution, the distance from the outline, and the leaf tile of its nearest piece.
+    /// Of each point on quarters: validity at full resolution, the distance from the outline, and
+    /// the leaf tile of its nearest piece.
     points: Vec<(f64, f64, (usize, usize))>,
-    /// Of each leaf tile, row by row, of each of its points on quarters: the distance from the outline within the tile.
+    /// Of each leaf tile, row by row, of each of its points on quarters: the distance from the
+    /// outline within the tile.
     of_tiles: Vec<Vec<f64>>,
 }
 
@@ -176,8 +178,8 @@ impl Oracle {
         near.fold((f64::INFINITY, (0, 0)), |least, piece| if piece.0 < least.0 { piece } else { least })
     }
 
-    /// The largest distances in square `(x, y)` of `group` intervals, drawn at spacing `s`: of misdrawn points; with limits of them; of
-    /// both, from the outline within the leaf tile.
+    /// The largest distances in square `(x, y)` of `group` intervals, drawn at spacing `s`: of
+    /// misdrawn points; with limits of them; of both, from the outline within the leaf tile.
     fn farthest(&self, s: usize, group: usize, (x, y): (usize, usize)) -> [f64; 3] {
         let across = self.parts * self.side + 1;
         let [mut truth, mut limits, mut of_tile] = [0.0_f64; 3];
@@ -200,8 +202,9 @@ impl Oracle {
         [truth, limits, of_tile]
     }
 
-    /// The distance of point `(i, j)` from the outline within its leaf tile: of the tiles that it is in with a part of square `(x, y)` of
-    /// `group` intervals, the one that is farthest from its own.
+    /// The distance of point `(i, j)` from the outline within its leaf tile: of the tiles that it
+    /// is in with a part of square `(x, y)` of `group` intervals, the one that is farthest from its
+    /// own.
     fn in_tiles(&self, group: usize, (x, y): (usize, usize), (i, j): (usize, usize)) -> f64 {
         let (own, tiles) = (self.parts * self.tile, self.side / self.tile);
         let range = |place: usize, i: usize| {
@@ -215,8 +218,9 @@ impl Oracle {
         distances.fold(0.0, f64::max)
     }
 
-    /// The smallest monotone tables of a level, patch by patch, step by step, of the distances and of those within leaf tiles: from
-    /// what its own spacings give and the tables of the next finer level.
+    /// The smallest monotone tables of a level, patch by patch, step by step, of the distances and
+    /// of those within leaf tiles: from what its own spacings give and the tables of the next finer
+    /// level.
     fn smallest(own: &[Vec<[f64; 3]>], finer: &[Vec<[f64; 2]>], all: usize) -> Vec<Vec<[f64; 2]>> {
         let of_patch = |(at, own): (usize, &Vec<[f64; 3]>)| {
             let (x, y) = (at % all, at / all);

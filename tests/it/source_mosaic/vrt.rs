@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// Valid samples are GDAL's, unless they show below one that is nodata to GDAL; voids are GDAL's nodata, or 0 where
-/// the VRT has no nodata value.
+/// Valid samples are GDAL's, unless they show below one that is nodata to GDAL; voids are GDAL's
+/// nodata, or 0 where the VRT has no nodata value.
 fn compare(vrt: &Path, folder: &Path) -> Box<dyn Source> {
     let source = source::open(vrt, &Limits::default()).unwrap_or_else(|error| panic!("{error}"));
     let info = source.info();

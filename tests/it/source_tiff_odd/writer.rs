@@ -1,4 +1,5 @@
-//! A writer of TIFFs, byte by byte, that shares nothing with the library: any tag of any type may be there, lie, or not.
+//! A writer of TIFFs, byte by byte, that shares nothing with the library: any tag of any type may
+//! be there, lie, or not.
 
 use std::collections::HashMap;
 
@@ -100,8 +101,8 @@ impl Form {
         if self.big { 8 } else { 4 }
     }
 
-    /// A file with these blocks, beginning at offset 64, a gap after each, and one directory behind them, whose
-    /// entries stand as they are given. `entries` is told the offsets of the blocks.
+    /// A file with these blocks, beginning at offset 64, a gap after each, and one directory behind
+    /// them, whose entries stand as they are given. `entries` is told the offsets of the blocks.
     pub fn file(self, blocks: &[Vec<u8>], link: Link, entries: impl FnOnce(&[f64]) -> Vec<Entry>) -> Vec<u8> {
         let mut file = if self.little { b"II".to_vec() } else { b"MM".to_vec() };
         file.extend(self.int(if self.big { 43 } else { 42 }, 2));
@@ -155,8 +156,8 @@ impl Form {
     }
 }
 
-/// Codes of LZW: as they are now (from the highest bit down, longer one code early), or as before 1988 (from the
-/// lowest bit up, longer when it must be).
+/// Codes of LZW: as they are now (from the highest bit down, longer one code early), or as before
+/// 1988 (from the lowest bit up, longer when it must be).
 pub fn lzw(bytes: &[u8], old: bool) -> Vec<u8> {
     const CLEAR: u32 = 256;
     const END: u32 = 257;

@@ -1,4 +1,5 @@
-//! Selections and levels made by hand: any cut of the quadtree whose neighbours differ by a level, any levels that the rules allow.
+//! Selections and levels made by hand: any cut of the quadtree whose neighbours differ by a level,
+//! any levels that the rules allow.
 
 use std::sync::Arc;
 
@@ -23,7 +24,8 @@ impl Random {
     }
 }
 
-/// A cut of the quadtree: `splits` tiles in turn are replaced by their children, and what that calls for.
+/// A cut of the quadtree: `splits` tiles in turn are replaced by their children, and what that
+/// calls for.
 pub fn cut(reader: &Reader, splits: u64, random: &mut Random) -> Vec<TileId> {
     let mut tiles = vec![TileId::ROOT];
     for _ in 0..splits {
@@ -34,7 +36,8 @@ pub fn cut(reader: &Reader, splits: u64, random: &mut Random) -> Vec<TileId> {
     tiles
 }
 
-/// The tile of the cut on the other side of a tile's side (north, east, south, west), if it is of its level or coarser.
+/// The tile of the cut on the other side of a tile's side (north, east, south, west), if it is of
+/// its level or coarser.
 fn across(tiles: &[TileId], id: TileId, side: usize) -> Option<TileId> {
     let (dx, dy) = [(0, -1), (1, 0), (0, 1), (-1, 0)][side];
     let (x, y) = (i64::from(id.x) + dx, i64::from(id.y) + dy);

@@ -196,7 +196,8 @@ pub fn extreme(width: u32, height: u32, kind: SampleType, seed: u64) -> Memory {
     Memory { info: info(width, height, kind), samples, mask: Some(mask) }
 }
 
-/// Rolling hills in floats or, a hundred times as high, integers; with `voids`, a lake of NaN (a mask for integers).
+/// Rolling hills in floats or, a hundred times as high, integers; with `voids`, a lake of NaN (a
+/// mask for integers).
 pub fn smooth(width: u32, height: u32, kind: SampleType, voids: bool) -> Memory {
     let lake = |x: u32, y: u32| voids && (f64::from(x) - 50.3).hypot(f64::from(y) - 30.7) < 17.2;
     let hill = |x: u32, y: u32| {

@@ -105,7 +105,8 @@ impl Truth {
         self.valid.iter().enumerate().any(|(i, &valid)| !valid && raster(i))
     }
 
-    /// Validity and height at a point: twice, from the north-west and the south-east, if it is on the edge of cells, they agree.
+    /// Validity and height at a point: twice, from the north-west and the south-east, if it is on
+    /// the edge of cells, they agree.
     pub fn at(&self, (x, y): Quarters) -> (f64, f64) {
         let (i, j) = ((x / 4).min(self.side - 1), (y / 4).min(self.side - 1));
         let (u, v) = ((x - 4 * i) as f64 / 4.0, (y - 4 * j) as f64 / 4.0);
@@ -173,7 +174,8 @@ pub struct Drawn {
 }
 
 impl Drawn {
-    /// Of corners of a patch that starts at sample `patch` of a tile at `origin`, whose samples are `spacing` apart.
+    /// Of corners of a patch that starts at sample `patch` of a tile at `origin`, whose samples are
+    /// `spacing` apart.
     pub fn new(
         data: &TileData,
         origin: (u64, u64),

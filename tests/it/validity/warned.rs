@@ -187,7 +187,8 @@ fn a_scale_that_leaves_no_height_is_refused_by_name() {
         assert_eq!(refused.status.code(), Some(2), "{message}");
         assert!(message.contains(words) && message.contains("a.tif"), "{text}: {message}");
     }
-    // Heights beyond a float32 are built, for the samples hold them, and told as what they look like.
+    // Heights beyond a float32 are built, for the samples hold them, and told as what they look
+    // like.
     let mut values = ramp(10.0);
     values[7] = -1e300;
     Tiff::new(SIZE, Kind::F64, vec![values]).write(&folder.path().join("a.tif"));

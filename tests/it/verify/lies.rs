@@ -1,6 +1,8 @@
-//! Lies: every statement of a file that can be checked is made false, one at a time, checksums repaired, and `verify` names it.
+//! Lies: every statement of a file that can be checked is made false, one at a time, checksums
+//! repaired, and `verify` names it.
 //!
-//! What `verify` cannot know is listed in its module documentation; everything else of sections 3 to 11 of `format-spec.md` has a case here.
+//! What `verify` cannot know is listed in its module documentation; everything else of sections 3
+//! to 11 of `format-spec.md` has a case here.
 
 use std::path::{Path, PathBuf};
 
@@ -289,7 +291,8 @@ fn degrees_that_cannot_be() {
     assert!(sphere.metres_of_radian(0.0).0 > 0.0);
 }
 
-/// A geographic raster whose last row is not the end of its surface: the program before version 2 of the format stored 247 808 m at step 5.
+/// A geographic raster whose last row is not the end of its surface: the program before version 2
+/// of the format stored 247 808 m at step 5.
 fn beyond_the_last_row() -> Memory {
     let mut source = terrain::int16(40, 40, Kind::Rough, 0);
     source.info.nodata = None;

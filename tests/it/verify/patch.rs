@@ -1,4 +1,5 @@
-//! Lies for files: takes a container apart as `format-spec.md` says, lets a test change any of it, and puts it together with all checksums right.
+//! Lies for files: takes a container apart as `format-spec.md` says, lets a test change any of it,
+//! and puts it together with all checksums right.
 //!
 //! Shares no code with the library. Files of one index page only.
 

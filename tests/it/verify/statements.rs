@@ -1,4 +1,5 @@
-//! Lies in the header, the metadata, the statistics and about imagery: what a file states in words and numbers of its own.
+//! Lies in the header, the metadata, the statistics and about imagery: what a file states in words
+//! and numbers of its own.
 
 use std::path::Path;
 

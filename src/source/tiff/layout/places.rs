@@ -1,4 +1,5 @@
-//! Where the blocks lie in the file, and what is done where the file does not say how long they are.
+//! Where the blocks lie in the file, and what is done where the file does not say how long they
+//! are.
 
 use std::collections::HashSet;
 
@@ -11,7 +12,8 @@ use crate::source::tiff::directory::{Directory, Reader, place};
 impl Layout {
     /// Reads offsets and byte counts of all blocks.
     pub(super) fn read_blocks(&mut self, reader: &mut Reader<'_>, directory: &Directory) -> Result<()> {
-        // Some writers put those of tiles under the tags of strips. libtiff takes either, of both the later.
+        // Some writers put those of tiles under the tags of strips. libtiff takes either, of both
+        // the later.
         let offsets = directory.later(Tag::TileOffsets, Tag::StripOffsets);
         let counts = directory.later(Tag::TileByteCounts, Tag::StripByteCounts);
         let blocks = u64::from(self.across) * u64::from(self.down) * u64::from(self.planes());
@@ -36,18 +38,19 @@ impl Layout {
         Ok(())
     }
 
-    /// Puts a byte count in place of each that is 0 although the block has an offset: a block that a sparse file does
-    /// not have has neither.
+    /// Puts a byte count in place of each that is 0 although the block has an offset: a block that
+    /// a sparse file does not have has neither.
     ///
-    /// Blocks that are not compressed are as long as their samples; others reach to the next one at most, and what
-    /// stands behind the end of one is ignored when it is decoded.
+    /// Blocks that are not compressed are as long as their samples; others reach to the next one at
+    /// most, and what stands behind the end of one is ignored when it is decoded.
     fn estimate(&self, offsets: &[u64], counts: &mut [u64], file: u64) {
         let is_plain = self.compression == Compression::None;
         let bytes_of = |index: usize| {
             let row = (index as u64 / u64::from(self.across) % u64::from(self.down)) as u32;
             self.row_bytes().saturating_mul(u64::from(self.coded_rows(row)))
         };
-        // As libtiff: the count of a single strip is not believed if it is too short for the samples.
+        // As libtiff: the count of a single strip is not believed if it is too short for the
+        // samples.
         if is_plain && !self.tiled && self.down == 1 && offsets[0] != 0 {
             counts[0] = counts[0].max(bytes_of(0));
         }
@@ -66,7 +69,8 @@ impl Layout {
                 continue;
             }
             let next = starts.get(starts.partition_point(|&other| other <= start)).copied().unwrap_or(file);
-            // At least one byte: what begins behind the end of the file is damage, not a block that is not there.
+            // At least one byte: what begins behind the end of the file is damage, not a block that
+            // is not there.
             let most = next.min(file).saturating_sub(start).max(1);
             counts[index] = if is_plain { bytes_of(index) } else { most };
         }
