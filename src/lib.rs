@@ -49,6 +49,7 @@ pub mod pipeline;
 pub mod source;
 pub mod tile;
 pub mod verify;
+pub mod work_folder;
 pub mod writer;
 
 pub use relevo_core::{

@@ -12,6 +12,7 @@ use relevo::pipeline::imagery::Imagery as Layer;
 use relevo::pipeline::reach::Extent;
 use relevo::pipeline::{self, BuildOptions, Report};
 use relevo::source::{self, SourceInfo};
+use relevo::work_folder::resumable;
 use serde_json::json;
 
 use crate::cli::add::{layer_options, print_layer};
@@ -218,13 +219,10 @@ pub fn output_name(dem: &Path) -> PathBuf {
 /// Errors without a path came from the raster. Where a state was left, the message says so.
 pub fn failure(error: Error, dem: &Path, output: &Path) -> Failure {
     let error = error.at(dem);
-    let mut folder = output.as_os_str().to_owned();
-    folder.push(".work");
-    let folder = PathBuf::from(folder);
-    if !matches!(error, Error::Usage { .. }) && folder.join("state").is_file() {
-        return Failure::Resumable(error, folder);
+    match resumable(output) {
+        Some(folder) if !matches!(error, Error::Usage { .. }) => Failure::Resumable(error, folder),
+        _ => Failure::Relevo(error),
     }
-    Failure::Relevo(error)
 }
 
 /// `--window X0,Y0,X1,Y1`.

@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crate::error::{Error, Result};
-use crate::writer::work::NewState;
+use crate::work_folder::NewState;
 
 /// A checkpoint may take this share of the time at most.
 const SHARE: u32 = 16;

@@ -18,8 +18,8 @@ use crate::output;
 use crate::source::picture::{KEPT, Memory, Picture};
 use crate::texel::{Colour, Texels};
 use crate::tile::TileId;
+use crate::work_folder::{Earlier, WorkFolder};
 use crate::writer::amend;
-use crate::writer::work::{Earlier, WorkFolder};
 use crate::writer::{ImagerySections, ImageryWriter};
 
 /// Bytes of metadata that the list of pictures may take: it shares the first 64 KiB of a file with much else.

@@ -19,8 +19,8 @@ use crate::pipeline::sweep::Sweep;
 use crate::pipeline::tally::Tally;
 use crate::pipeline::{BuildOptions, Observer, Report, Stage, outcome, plan, refuse_odd, workers};
 use crate::source::{Part, SourceInfo};
+use crate::work_folder::{Earlier, WorkFolder};
 use crate::writer::ContainerWriter;
-use crate::writer::work::{Earlier, WorkFolder};
 
 /// Bytes of metadata that the list of sources may take.
 const SOURCES_BYTES: usize = 20 << 10;
@@ -103,7 +103,7 @@ fn pass_all(
     seams: Seams,
     observer: &dyn Observer,
 ) -> Result<Done> {
-    let seam = SeamFile::create(writer.work().folder().join("seam-0"))?;
+    let seam = SeamFile::create(writer.store().folder().folder().join("seam-0"))?;
     let all = Extent::of_level(plan, plan.levels);
     let buffers = Buffers::default();
     let mut sweep = Sweep::new((plan, &buffers), Reach::new(plan, &all), (writer, tally), seams, seam);
@@ -175,7 +175,7 @@ pub fn assemble(
 ) -> Result<Report> {
     let Done { mut writer, tally, .. } = done;
     if writer.tile_count() == 0 {
-        writer.work_mut().discard();
+        writer.store_mut().folder_mut().discard();
         return Err(all_void(info, plan));
     }
     let header = plan.header(info, writer.tile_count());
@@ -183,7 +183,7 @@ pub fn assemble(
     let mut warnings = info.warnings.clone();
     warnings.extend(odd::warnings(all, rest, plan, info, &header));
     if let Err(error) = refuse_odd(&warnings, strict) {
-        writer.work_mut().discard();
+        writer.store_mut().folder_mut().discard();
         return Err(error);
     }
     let statistics = tally.statistics(&header);
@@ -191,7 +191,7 @@ pub fn assemble(
     let mut metadata = metadata(info, plan, &statistics, options);
     let mut layer_report = None;
     if let Some(imagery) = imagery {
-        let layer = imagery::layer(imagery, &plan.ground(), writer.work().folder(), observer)?;
+        let layer = imagery::layer(imagery, &plan.ground(), writer.store().folder().folder(), observer)?;
         layer_report = Some(layer.report());
         metadata.imagery = Some(layer.note);
         writer.attach(layer.sections);

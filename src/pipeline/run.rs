@@ -23,8 +23,8 @@ use crate::pipeline::{BuildOptions, CHECKPOINT, Observer, Stage};
 use crate::source::{Nodata, Source, SourceInfo};
 use crate::tile::code::{Recipe, max_magnitude};
 use crate::tile::{fill, split};
-use crate::writer::work::{Earlier, NewState, WorkFolder};
-use crate::writer::{ContainerWriter, Mark};
+use crate::work_folder::{Earlier, Mark, NewState, WorkFolder};
+use crate::writer::ContainerWriter;
 
 /// A window all of whose rows have been through the sweep.
 pub struct Done {
@@ -129,7 +129,7 @@ impl Begun {
         // The old seam file belongs to the old state until there is a new one.
         let generation: u64 = state.seam.0.rsplit('-').next().and_then(|n| n.parse().ok()).unwrap_or(0);
         let name = format!("seam-{}", generation + u64::from(resumed));
-        let seam = SeamFile::create(writer.work().folder().join(&name))?;
+        let seam = SeamFile::create(writer.store().folder().path(&name))?;
         state.seam = (name, 0);
         let reach = Reach::new(plan, &state.window);
         let buffers = Buffers::default();
@@ -222,7 +222,7 @@ impl Run<'_> {
     fn checkpoint(&mut self, next: u32) -> Result<()> {
         let begun = Instant::now();
         self.check_source()?;
-        let mut new = NewState::create(self.sweep.writer().work().folder())?;
+        let mut new = NewState::create(self.sweep.writer().store().folder().folder())?;
         let files = self.snapshot(next, &mut |bytes| new.append(bytes))?;
         self.checkpoints.publish(files, new, begun);
         Ok(())
@@ -231,8 +231,8 @@ impl Run<'_> {
     /// Gives `put` the state as bytes; gives back the files to be synced before it counts.
     fn snapshot(&mut self, next: u32, put: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<Vec<File>> {
         self.sweep.settle()?;
-        let mark = self.sweep.writer().mark()?;
-        let mut files = self.sweep.writer().files()?;
+        let mark = self.sweep.writer().store_mut().mark()?;
+        let mut files = self.sweep.writer().store().files()?;
         let (length, file) = self.sweep.seam().mark()?;
         files.push(file);
         let seam = (self.state.seam.0.clone(), length);
@@ -263,7 +263,7 @@ impl Run<'_> {
             })?;
             if self.checkpoints.is_written() {
                 // Putting the file together may fail too.
-                let mut new = NewState::create(self.sweep.writer().work().folder())?;
+                let mut new = NewState::create(self.sweep.writer().store().folder().folder())?;
                 new.append(&state)?;
                 self.checkpoints.publish(files, new, Instant::now());
             }
@@ -271,7 +271,7 @@ impl Run<'_> {
         });
         let waited = self.checkpoints.wait();
         if self.checkpoints.is_written() {
-            self.sweep.writer().work_mut().keep();
+            self.sweep.writer().store_mut().folder_mut().keep();
         }
         let state = result?;
         waited?;

@@ -16,7 +16,7 @@ use crate::pipeline::reach::Extent;
 use crate::pipeline::seam::Seams;
 use crate::pipeline::tally::Tally;
 use crate::source::{Fingerprint, SourceInfo};
-use crate::writer::Mark;
+use crate::work_folder::{Mark, state_path};
 
 const MAGIC: &[u8; 8] = b"RLVSTATE";
 /// Goes up with every change to the state, the seam items, the list of tiles, or the chunks.
@@ -24,8 +24,6 @@ const VERSION: u32 = 3;
 const HEAD: usize = 20;
 /// Bytes of a state, at most: rows of the widest raster stand in it.
 const MOST: u64 = 1 << 36;
-/// Name of the state in its folder.
-pub const NAME: &str = "state";
 
 /// What a build is of and how far it is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -71,7 +69,7 @@ impl State {
 
     /// Reads the state of a folder, and finds what it and the seam file hold.
     pub fn read(folder: &Path, seams: &mut Seams) -> Result<Self> {
-        let path = folder.join(NAME);
+        let path = state_path(folder);
         let bytes = file::read(&path, MOST).map_err(|source| Error::io(&path, "read it", source))?;
         let (state, items) = Self::decode(&bytes).map_err(|error| error.at(&path))?;
         seams.add(&path, items as u64, bytes.len() as u64)?;

@@ -6,13 +6,14 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::work::WorkFolder;
-use super::{ImagerySections, opening};
+use super::imagery::ImagerySections;
+use super::sections::opening;
 use crate::container::metadata::ImageryNote;
 use crate::container::opening::{OPENING_BYTES, Opening};
 use crate::container::sections::{IMAGERY, IMAGERY_PAGES, IMAGERY_TILES, METADATA, ROOT_PAGE, SectionEntry};
 use crate::error::{Error, Result};
 use crate::file::Identity;
+use crate::work_folder::WorkFolder;
 
 /// Bytes copied between two questions whether to go on.
 const AT_ONCE: u64 = 64 << 20;

@@ -10,8 +10,6 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
-use super::BUFFER;
-use super::levels::open;
 use crate::codec::picture::{self, Form, Histograms, JpegTables, PictureChunks};
 use crate::container::assemble::Tree;
 use crate::container::directory::ChunkPlace;
@@ -20,6 +18,7 @@ use crate::container::sections;
 use crate::error::{Error, Result};
 use crate::file::read_exact_at;
 use crate::tile::TileId;
+use crate::work_folder::{BUFFER, open_file, spent};
 
 /// Tiles worked on between two questions whether to go on.
 const TILES_AT_ONCE: usize = 128;
@@ -83,7 +82,7 @@ impl ImageryWriter {
         header.check()?;
         let tables = picture::jpeg_tables(&header.form())?;
         let path = folder.join("imagery-chunks");
-        let file = open(&path, true).map_err(|source| Error::io(path, "begin it", source))?;
+        let file = open_file(&path, true).map_err(|source| Error::io(path, "begin it", source))?;
         let inner = Inner {
             file: BufWriter::with_capacity(BUFFER, file),
             end: 0,
@@ -136,7 +135,7 @@ impl ImageryWriter {
         let Inner { file, mut tree, histograms, alpha, failed, .. } =
             inner.into_inner().unwrap_or_else(PoisonError::into_inner);
         if failed {
-            return Err(super::spent());
+            return Err(spent());
         }
         let io_error = |source| Error::io(folder.join("imagery-chunks"), "put tiles in their places", source);
         let file = file.into_inner().map_err(|error| io_error(error.into_error()))?;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// Modules that may know those in lines above their own, and themselves.
 const LAYERS: [&[&str]; 7] = [
     &["file"],
-    &["source"],
+    &["source", "work_folder"],
     &["tile"],
     &["patch", "imagery", "writer"],
     &["pipeline", "geotiff_write", "hillshade"],

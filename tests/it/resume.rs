@@ -13,7 +13,7 @@ use relevo::geo::Geo;
 use relevo::geotiff_write::{Compression, GeotiffSpec, GeotiffWriter};
 use relevo::sample::SampleType;
 use relevo::source::Samples;
-use relevo::writer::Mark;
+use relevo::work_folder::Mark;
 use tempfile::TempDir;
 
 /// A folder with a DEM in it, and the file that an undisturbed build makes of it.

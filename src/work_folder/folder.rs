@@ -1,8 +1,8 @@
-//! The work folder of a build, `<output>.work` beside the output: locked while a build runs, gone when it ends.
+//! [`WorkFolder`]: locked while a build runs, removed when it ends.
 //!
-//! Everything that a build writes lies in it until one rename gives the finished file its name. A build that has written its
-//! state there leaves the folder to be resumed if it does not end well; without a state the folder is cleaned and used again. A
-//! folder that is no work folder is left alone.
+//! Everything that a build writes lies in the folder until one rename gives the finished file its name. A build that
+//! has written its state leaves the folder behind if it fails, so that it can be resumed. A folder without a state
+//! is cleaned and used again. A folder that no build made is left alone.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -45,15 +45,13 @@ impl WorkFolder {
     /// Makes or takes over the folder. Fails if the output exists (unless `force`) or another build holds the folder.
     pub fn take(output: &Path, force: bool, earlier: Earlier) -> Result<Self> {
         let output = resolve(output, force)?;
-        let mut name = OsString::from(&output);
-        name.push(".work");
-        let folder = PathBuf::from(name);
+        let folder = folder_of(&output);
         for _ in 0..ATTEMPTS {
             if let Some(lock) = take(&folder, &output)? {
                 // Kept until it is known that nothing in it is of worth.
                 let replaces = Identity::of(&output).ok();
                 let mut work = Self { output, folder, force, lock: Some(lock), keep: true, replaces };
-                let resumable = work.path(STATE).is_file();
+                let resumable = state_path(&work.folder).is_file();
                 if resumable && earlier == Earlier::Refuse {
                     return Err(unfinished(&work));
                 }
@@ -71,7 +69,7 @@ impl WorkFolder {
 
     /// True if an earlier build left a state to go on from.
     pub fn has_state(&self) -> bool {
-        self.path(STATE).is_file()
+        state_path(&self.folder).is_file()
     }
 
     /// Puts a state in the place of the one before, whole and synced. From now on the folder outlives a failed build.
@@ -104,7 +102,7 @@ impl WorkFolder {
     }
 
     /// The file that had the output's name when the folder was taken, as it was then.
-    pub(super) fn replaces(&self) -> Option<&Identity> {
+    pub(crate) fn replaces(&self) -> Option<&Identity> {
         self.replaces.as_ref()
     }
 
@@ -170,7 +168,7 @@ impl WorkFolder {
 
     /// Removes everything but the lock; the state first, since it counts on the rest.
     fn clean(&self) -> io::Result<()> {
-        match fs::remove_file(self.path(STATE)) {
+        match fs::remove_file(state_path(&self.folder)) {
             Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
             _ => {}
         }
@@ -204,6 +202,29 @@ impl Drop for WorkFolder {
         let _ = fs::remove_dir(&self.folder);
         self.lock = None;
     }
+}
+
+/// The work folder of an output.
+fn folder_of(output: &Path) -> PathBuf {
+    let mut name = OsString::from(output);
+    name.push(".work");
+    PathBuf::from(name)
+}
+
+/// The state file of a work folder, or of a piece.
+pub fn state_path(folder: &Path) -> PathBuf {
+    folder.join(STATE)
+}
+
+/// The work folder of an output, if an unfinished build left a state there from which it can be resumed.
+pub fn resumable(output: &Path) -> Option<PathBuf> {
+    let folder = folder_of(output);
+    state_path(&folder).is_file().then_some(folder)
+}
+
+/// Opens a file of a work folder for writing and for reading back. `new`: creates it, or empties it.
+pub(crate) fn open_file(path: &Path, new: bool) -> io::Result<File> {
+    OpenOptions::new().create(new).truncate(new).read(true).write(true).open(path)
 }
 
 /// The output's path with links followed, after a look at what is there.
@@ -246,7 +267,7 @@ fn exists(output: &Path) -> Error {
 
 /// True for a folder that a finished window was given as its output.
 fn is_piece(path: &Path) -> bool {
-    path.join(STATE).is_file()
+    state_path(path).is_file()
 }
 
 /// The next state of a folder while it is written: under another name, so that there is a whole one at any time.
@@ -281,7 +302,7 @@ impl NewState {
             let file = file.into_inner()?;
             file.sync_all()?;
             drop(file);
-            fs::rename(folder.join("state.new"), folder.join(STATE))?;
+            fs::rename(folder.join("state.new"), state_path(&folder))?;
             sync_folder(&folder)
         };
         publish().map_err(|source| state_failed(&folder, source))
@@ -289,7 +310,7 @@ impl NewState {
 }
 
 fn state_failed(folder: &Path, source: io::Error) -> Error {
-    Error::io(folder.join(STATE), "write the state of the build", source)
+    Error::io(state_path(folder), "write the state of the build", source)
 }
 
 fn unfinished(work: &WorkFolder) -> Error {
