@@ -9,13 +9,13 @@ use std::cell::RefCell;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use relevo::Rect;
 use relevo::TileId;
 use relevo::codec::mask::Occupancy;
 use relevo::codec::picture::{Codec, Form, JpegTables};
 use relevo::codec::{Scratch, height, mask, picture, table};
 use relevo::container::{ChunkKind, Reader, ReaderOptions};
 use relevo::limits::Limits;
-use relevo::pipeline::reach::Extent;
 use relevo::pipeline::{self, BuildOptions, Silent};
 use relevo::sample::{Coding, Lattice};
 use relevo::source::{self, Source};
@@ -370,7 +370,7 @@ fn make_pieces() -> Vec<(String, Vec<u8>)> {
         let options =
             BuildOptions { tile: 16, patch: 4, force: true, jobs: Some(1), ..BuildOptions::default() };
         for (name, columns) in [("a.piece", 0..2), ("b.piece", 2..3)] {
-            let window = Extent { columns, rows: 0..3 };
+            let window = Rect { columns, rows: 0..3 };
             pipeline::build_window(&*source, &folder.join(name), &window, &options, &Silent)
                 .expect("a piece");
             for path in files(&folder.join(name)) {

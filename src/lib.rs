@@ -46,12 +46,15 @@ pub mod hillshade;
 pub mod imagery;
 pub mod patch;
 pub mod pipeline;
+pub mod progress;
+mod rect;
 pub mod source;
 pub mod tile;
 pub mod verify;
 pub mod work_folder;
 pub mod writer;
 
+pub use rect::Rect;
 pub use relevo_core::{
     Error, Result, TileId, codec, container, crs, error, error_code, geo, limits, observed, output, sample,
     select, simd, surface, texel, text,

@@ -47,8 +47,14 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     let show = Show::new(args.progress);
     let pictures = |crs: &relevo::geo::Crs| args.imagery.open(crs, args.memory, args.strict);
-    let means = (args.jobs.map(usize::from), args.memory);
-    let report = imagery::add(&args.file, &pictures, &layer_options(&args.imagery)?, means, &show);
+    let report = imagery::add(
+        &args.file,
+        &pictures,
+        &layer_options(&args.imagery)?,
+        args.jobs.map(usize::from),
+        args.memory,
+        &show,
+    );
     show.finish();
     let report = report.map_err(|error| match error {
         Error::Interrupted => Error::usage(format!("interrupted; {} is as it was", shown(&args.file))),

@@ -6,10 +6,10 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use relevo::Error;
+use relevo::Rect;
 use relevo::container::layout::Metric;
 use relevo::output::check_apart;
 use relevo::pipeline::imagery::Imagery as Layer;
-use relevo::pipeline::reach::Extent;
 use relevo::pipeline::{self, BuildOptions, Report};
 use relevo::source::{self, SourceInfo};
 use relevo::work_folder::resumable;
@@ -71,7 +71,7 @@ pub struct Args {
     /// Build these tiles of the leaf level only, from column X0 and row Y0 up to X1 and Y1: OUT is
     /// then a piece for `relevo merge`
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = window, conflicts_with_all = ["dry_run", "verify", "json", "memory"])]
-    window: Option<Extent>,
+    window: Option<Rect>,
     /// Make an error of what is warned of, before OUT.rlv is there
     #[arg(long)]
     strict: bool,
@@ -226,10 +226,10 @@ pub fn failure(error: Error, dem: &Path, output: &Path) -> Failure {
 }
 
 /// `--window X0,Y0,X1,Y1`.
-fn window(text: &str) -> Result<Extent, String> {
+fn window(text: &str) -> Result<Rect, String> {
     let numbers: Option<Vec<u32>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
     match numbers.as_deref() {
-        Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok(Extent { columns: x0..x1, rows: y0..y1 }),
+        Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok(Rect { columns: x0..x1, rows: y0..y1 }),
         _ => Err("expected four whole numbers X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1".to_owned()),
     }
 }

@@ -13,6 +13,7 @@
 
 mod composite;
 mod fill;
+mod ground;
 mod half;
 mod light;
 mod memory;
@@ -21,6 +22,7 @@ mod place;
 mod resample;
 mod sweep;
 
+pub use self::ground::Ground;
 pub use self::memory::memory;
 use self::place::Placed;
 use self::sweep::Sweep;

@@ -5,12 +5,12 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::{BuildOptions, threads};
 use crate::error::Result;
 use crate::pipeline::buffers::Buffers;
-use crate::pipeline::plan::Plan;
+use crate::pipeline::options::BuildOptions;
+use crate::pipeline::plan::{Plan, recipe};
 use crate::pipeline::quarter::Quarter;
-use crate::pipeline::run::recipe;
+use crate::pipeline::threads::threads;
 use crate::pipeline::work::{Finished, Work};
 use crate::source::{Source, Window};
 use crate::tile::code::max_magnitude;
@@ -68,8 +68,8 @@ pub fn estimate(source: &dyn Source, options: &BuildOptions, plan: &Plan) -> Res
 
 /// Rows of tiles of the level above the leaves, and the columns in it that are made: spread evenly over the tiles that there are.
 fn blocks(plan: &Plan) -> Vec<(u32, Vec<u32>)> {
-    let leaf_rows = plan.rows_of_tiles(plan.levels);
-    let band = u64::from(plan.width.min(COLUMNS)) * 2 * plan.tile as u64;
+    let leaf_rows = plan.pyramid.leaves().rows.end;
+    let band = u64::from(plan.pyramid.width.min(COLUMNS)) * 2 * plan.pyramid.tile as u64;
     let most = (SAMPLES / band.max(1)).clamp(1, 4);
     let of_row = |y: u32| -> u64 {
         plan.occupied.runs(y, &(0..u32::MAX)).iter().map(|run| u64::from(run.end - run.start)).sum()
@@ -100,7 +100,7 @@ fn columns(plan: &Plan, row: u32, most: usize) -> Vec<u32> {
     all.sort_unstable();
     all.dedup();
     let middle = all.get(all.len() / 2).copied().unwrap_or(0);
-    let reach = COLUMNS / (4 * plan.tile as u32);
+    let reach = COLUMNS / (4 * plan.pyramid.tile as u32);
     all.retain(|x| x.abs_diff(middle) < reach.max(1));
     let count = all.len().min(most);
     (0..count).filter_map(|i| all.get((2 * i + 1) * all.len() / (2 * count)).copied()).collect()
@@ -116,17 +116,16 @@ impl Sample {
         row: u32,
         columns: &[u32],
     ) -> Result<()> {
-        let leaf_rows = plan.rows_of_tiles(plan.levels);
+        let leaf_rows = plan.pyramid.leaves().rows.end;
         let (first, last) = (columns.first().copied().unwrap_or(0), columns.last().copied().unwrap_or(0));
         // A narrow raster is read as the build reads it; of a wide one, what lies between the tiles.
-        let within = if plan.width <= COLUMNS { 0..u32::MAX } else { 2 * first..2 * last + 2 };
+        let within = if plan.pyramid.width <= COLUMNS { 0..u32::MAX } else { 2 * first..2 * last + 2 };
         let mut leaves = Vec::new();
         for y in (2 * row..2 * row + 2).filter(|&y| y < leaf_rows) {
             for run in plan.occupied.runs(y, &within) {
                 let begun = Instant::now();
-                let samples = plan.samples_of(&run, plan.width);
-                let window =
-                    source.read_window(samples.clone(), plan.samples_of(&(y..y + 1), plan.height))?;
+                let samples = plan.pyramid.sample_columns(&run);
+                let window = source.read_window(samples.clone(), plan.pyramid.sample_rows(&(y..y + 1)))?;
                 self.read_seconds += begun.elapsed().as_secs_f64();
                 self.samples += window.samples.len() as u64;
                 if options.precision_m.is_some() {
@@ -160,12 +159,13 @@ impl Sample {
         let made: Vec<Option<(TileId, Finished, Quarter)>> = wanted
             .into_par_iter()
             .map(|x| {
-                let mut lattice = buffers.lattices.take(plan.tile);
-                if !split::leaf(band, (x - run.start) as usize, plan.tile, &plan.recipe, &mut lattice) {
+                let mut lattice = buffers.lattices.take(plan.pyramid.tile);
+                if !split::leaf(band, (x - run.start) as usize, plan.pyramid.tile, &plan.recipe, &mut lattice)
+                {
                     return Ok(None);
                 }
                 fill::inside(&mut lattice);
-                let id = TileId::new(plan.levels, x, y);
+                let id = TileId::new(plan.pyramid.levels, x, y);
                 let (finished, quarter) = Work::leaf(lattice).finish(id, plan, &mut buffers.lend())?;
                 Ok(Some((id, finished, quarter)))
             })
@@ -188,12 +188,12 @@ impl Sample {
         columns: &[u32],
         mut leaves: Vec<(TileId, Quarter)>,
     ) -> Result<()> {
-        if plan.levels == 0 {
+        if plan.pyramid.levels == 0 {
             return Ok(());
         }
         let mut works = Vec::with_capacity(columns.len());
         for &x in columns {
-            let id = TileId::new(plan.levels - 1, x, row);
+            let id = TileId::new(plan.pyramid.levels - 1, x, row);
             let quarters = [0, 1, 2, 3].map(|quadrant| {
                 let at = leaves.iter().position(|(leaf, _)| *leaf == id.child(quadrant))?;
                 Some(leaves.swap_remove(at).1)
@@ -218,8 +218,9 @@ impl Sample {
         let chunks = each(self.leaf_bytes, self.leaves) * leaves as f64
             + each(self.parent_bytes, self.parents) * above as f64;
         let bytes = chunks as u64 + (leaves + above) * ROW + tiles.len() as u64 * LEVEL + FIXED;
-        let side = (plan.tile * plan.tile) as f64;
-        let samples = (leaves as f64 * side).min(f64::from(plan.width) * f64::from(plan.height));
+        let side = (plan.pyramid.tile * plan.pyramid.tile) as f64;
+        let samples =
+            (leaves as f64 * side).min(f64::from(plan.pyramid.width) * f64::from(plan.pyramid.height));
         let passes = if options.precision_m.is_some() { 2.0 } else { 1.0 };
         let reading = passes * samples * self.read_seconds / self.samples.max(1) as f64;
         let working = self.work_seconds * leaves as f64 / self.leaves.max(1) as f64;

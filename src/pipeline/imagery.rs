@@ -6,15 +6,17 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 
-use super::{Observer, Stage, memory, outcome, threads};
+use super::threads::threads;
+use super::{memory, outcome};
 use crate::codec::picture::{self, Codec};
 use crate::container::imagery::ImageryHeader;
 use crate::container::metadata::{ImageryNote, PictureSourceNote};
 use crate::container::reader::Reader;
 use crate::error::{Error, Result};
-use crate::geo::{Crs, Geo};
-use crate::imagery::{self, GUTTER, PlacedPicture, PyramidReport, Resolution, TexelGrid, TileSink};
+use crate::geo::Crs;
+use crate::imagery::{self, GUTTER, Ground, PlacedPicture, PyramidReport, Resolution, TileSink};
 use crate::output;
+use crate::progress::{Observer, Stage};
 use crate::source::picture::{KEPT, Memory, Picture};
 use crate::texel::{Colour, Texels};
 use crate::tile::TileId;
@@ -97,25 +99,6 @@ impl Imagery<'_> {
         };
         self.pictures.iter().for_each(|picture| picture.keep(rest.min(KEPT)));
         Ok(())
-    }
-}
-
-/// The heights, as far as imagery needs to know them.
-#[derive(Clone, Copy)]
-pub struct Ground<'a> {
-    /// Where the lattice lies.
-    pub geo: &'a Geo,
-    /// Intervals along the root square.
-    pub intervals: u64,
-    /// Columns and rows of the lattice.
-    pub samples: (u32, u32),
-    /// Tiles of heights, at most.
-    pub tiles: u64,
-}
-
-impl Ground<'_> {
-    fn grid(&self, tile: u32) -> TexelGrid {
-        TexelGrid { tile, intervals: self.intervals, samples: self.samples }
     }
 }
 
@@ -262,7 +245,8 @@ pub fn add(
     file: &Path,
     open: Open<'_>,
     options: &LayerOptions,
-    (jobs, memory): (Option<usize>, Option<u64>),
+    jobs: Option<usize>,
+    memory: Option<u64>,
     observer: &dyn Observer,
 ) -> Result<AddReport> {
     let start = Instant::now();

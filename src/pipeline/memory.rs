@@ -3,11 +3,12 @@
 use std::collections::BTreeSet;
 use std::ops::Range;
 
+use super::occupied::Occupied;
+use super::plan::Plan;
+use super::reach::Reach;
+use super::seam::AT_ONCE;
 use crate::error::{Error, Result};
-use crate::pipeline::occupied::Occupied;
-use crate::pipeline::plan::Plan;
-use crate::pipeline::reach::{Extent, Reach};
-use crate::pipeline::seam::AT_ONCE;
+use crate::rect::Rect;
 use crate::source::{ReadMemory, SourceInfo};
 
 /// Bytes that the program takes before it has read a sample.
@@ -39,7 +40,7 @@ struct Sizes {
 
 impl Sizes {
     fn of(plan: &Plan) -> Self {
-        let (n, patches) = (plan.tile as u64, (plan.tile / plan.patch) as u64);
+        let (n, patches) = (plan.pyramid.tile as u64, (plan.pyramid.tile / plan.patch) as u64);
         let steps = u64::from(plan.patch.trailing_zeros()) + 1;
         let sample = if plan.recipe.coding.has_low() { 9 } else { 5 };
         let samples = |n: u64| (n + 1) * (n + 1);
@@ -89,7 +90,7 @@ impl Bands {
     /// Of a source, read as far as tiles of so many samples hold any.
     pub fn new(info: &SourceInfo, tile: u32) -> Self {
         let along = |samples: u32| samples.div_ceil(tile).max(1);
-        let all = Extent { columns: 0..along(info.width), rows: 0..along(info.height) };
+        let all = Rect { columns: 0..along(info.width), rows: 0..along(info.height) };
         let (tiles, runs) = Occupied::new(info.footprint.as_deref(), tile, &all).fullest(&all.columns);
         Self {
             reading: (info.reading, info.block_rows),
@@ -109,99 +110,96 @@ impl Bands {
     }
 }
 
-impl Plan {
-    /// Bytes of memory that a sweep over these columns of leaf tiles takes at most. It goes by the tiles of each level's fullest row: N of
-    /// the leaves, A of all levels together, U of those above the leaves, M and V the most of one level among these.
-    ///
-    /// - Lattices of `(T + 1)^2 s` bytes (s = 5, or 9 for float64): two rows of every level (north and current), one more of the level that is
-    ///   worked on (south), one of leaves that is being read: `2 A + M + N`.
-    /// - Blocks of `9 T^2` bytes: the rows above the leaves that are not finished, `U + V`.
-    /// - Quarters, each a fourth of both: a row that waits at every level, one more where a row is finished: `A + M`.
-    /// - Errors of `16 (T / P)^2 (log2 P + 4 / 3)` bytes, for the quarters and four for each tile of the rows that are not finished: `A + M + 4 (U + V)`.
-    /// - Finished tiles that wait to be written, as large as in the source, 2 M; the fills of a row are there before them.
-    /// - The samples of a band, and what reading it takes beside them ([`Plan::memory_of_reading`]); the buffers of each thread; what a
-    ///   checkpoint encodes at a time; the index of the whole file; and the program itself.
-    ///
-    /// It is for voids everywhere; terrain without them takes less. What is of no more use is kept for the next tile (`buffers`), so that
-    /// the memory of one kind of these never becomes that of another. Imagery is made afterwards ([`super::imagery::Imagery::memory`]). What
-    /// GDAL keeps while it warps is not in it.
-    pub fn memory(&self, columns: &Range<u32>) -> u64 {
-        let rows: Vec<u64> = (0..=self.levels).map(|up| self.occupied.widest(up, columns)).collect();
-        (rows[0] * Sizes::of(self).lattice)
-            .saturating_add(self.memory_of_rows(&rows))
-            .saturating_add(self.memory_of_reading(columns))
-    }
+/// Bytes of memory that a sweep over these columns of leaf tiles takes at most. It goes by the tiles of each level's fullest row: N of
+/// the leaves, A of all levels together, U of those above the leaves, M and V the most of one level among these.
+///
+/// - Lattices of `(T + 1)^2 s` bytes (s = 5, or 9 for float64): two rows of every level (north and current), one more of the level that is
+///   worked on (south), one of leaves that is being read: `2 A + M + N`.
+/// - Blocks of `9 T^2` bytes: the rows above the leaves that are not finished, `U + V`.
+/// - Quarters, each a fourth of both: a row that waits at every level, one more where a row is finished: `A + M`.
+/// - Errors of `16 (T / P)^2 (log2 P + 4 / 3)` bytes, for the quarters and four for each tile of the rows that are not finished: `A + M + 4 (U + V)`.
+/// - Finished tiles that wait to be written, as large as in the source, 2 M; the fills of a row are there before them.
+/// - The samples of a band, and what reading it takes beside them ([`of_reading`]); the buffers of each thread; what a
+///   checkpoint encodes at a time; the index of the whole file; and the program itplan.
+///
+/// It is for voids everywhere; terrain without them takes less. What is of no more use is kept for the next tile (`buffers`), so that
+/// the memory of one kind of these never becomes that of another. Imagery is made afterwards ([`super::imagery::Imagery::memory`]). What
+/// GDAL keeps while it warps is not in it.
+pub fn estimate(plan: &Plan, columns: &Range<u32>) -> u64 {
+    let rows: Vec<u64> = (0..=plan.pyramid.levels).map(|up| plan.occupied.widest(up, columns)).collect();
+    (rows[0] * Sizes::of(plan).lattice)
+        .saturating_add(of_rows(plan, &rows))
+        .saturating_add(of_reading(plan, columns))
+}
 
-    /// Bytes of memory that reading bands of these columns of leaf tiles takes at most: samples, blocks that are kept from one band to the
-    /// next, and those that threads are decoding. Blocks are whole, however few of their columns are wanted, so that strips do not
-    /// help against wide ones.
-    pub fn memory_of_reading(&self, columns: &Range<u32>) -> u64 {
-        let (reading, block_rows) = self.reading;
-        let tile = self.tile as u64;
-        let (tiles, runs) = self.occupied.fullest(columns);
-        let samples = tiles.saturating_mul((tile + 1) * (tile + 1));
-        let window = samples.saturating_mul(reading.sample.max(self.sample_bytes));
-        let wide = (tiles * tile).min(self.width.into());
-        let size = (self.width, self.height);
-        window.saturating_add(reading.blocks((wide, runs), (tile + 1, block_rows), size, self.jobs as u64))
-    }
+/// Bytes of memory that reading bands of these columns of leaf tiles takes at most: samples, blocks that are kept from one band to the
+/// next, and those that threads are decoding. Blocks are whole, however few of their columns are wanted, so that strips do not
+/// help against wide ones.
+pub fn of_reading(plan: &Plan, columns: &Range<u32>) -> u64 {
+    let (reading, block_rows) = plan.reading;
+    let tile = plan.pyramid.tile as u64;
+    let (tiles, runs) = plan.occupied.fullest(columns);
+    let samples = tiles.saturating_mul((tile + 1) * (tile + 1));
+    let window = samples.saturating_mul(reading.sample.max(plan.sample_bytes));
+    let wide = (tiles * tile).min(plan.pyramid.width.into());
+    let size = (plan.pyramid.width, plan.pyramid.height);
+    window.saturating_add(reading.blocks((wide, runs), (tile + 1, block_rows), size, plan.jobs as u64))
+}
 
-    /// Fails if joining pieces of these windows takes more than `limit`.
-    pub fn check_merge(&self, windows: &[Extent], limit: Option<u64>) -> Result<()> {
-        let needed = self.memory_to_merge(windows);
-        within(limit, needed, || {
-            let (tile, jobs) = (self.tile, self.jobs);
-            let what =
-                format!("joining these pieces, of tiles of {tile} x {tile} samples on {jobs} threads,");
-            (what, "use fewer threads, or pieces with fewer tiles at their sides")
-        })
-    }
+/// Fails if joining pieces of these windows takes more than `limit`.
+pub fn check_merge(plan: &Plan, windows: &[Rect], limit: Option<u64>) -> Result<()> {
+    let needed = of_merge(plan, windows);
+    within(limit, needed, || {
+        let (tile, jobs) = (plan.pyramid.tile, plan.jobs);
+        let what = format!("joining these pieces, of tiles of {tile} x {tile} samples on {jobs} threads,");
+        (what, "use fewer threads, or pieces with fewer tiles at their sides")
+    })
+}
 
-    /// Bytes of memory that joining windows takes at most: a sweep over the tiles that none of them has finished, and over the rims of those
-    /// beside them. The quarters of a row are read all at once, packed.
-    pub fn memory_to_merge(&self, strips: &[Extent]) -> u64 {
-        let all = Extent::of_level(self, self.levels).columns;
-        let reaches: Vec<Reach> = strips.iter().map(|strip| Reach::new(self, strip)).collect();
-        let unfinished = |up: u8| {
-            let finished: Vec<&Extent> =
-                reaches.iter().map(|reach| reach.finished(self.levels - up)).collect();
-            let whole = self.occupied.widest(up, &all);
-            let of_row = |y: u32| {
-                let here = finished.iter().filter(|extent| extent.rows.contains(&y) && !extent.is_empty());
-                let mut columns: Vec<&Range<u32>> = here.map(|extent| &extent.columns).collect();
-                columns.sort_unstable_by_key(|columns| columns.start);
-                let (mut tiles, mut from) = (2 * columns.len() as u64, 0);
-                for columns in columns {
-                    tiles += self.occupied.widest(up, &(from << up..columns.start << up));
-                    from = columns.end;
-                }
-                tiles + self.occupied.widest(up, &(from << up..all.end))
-            };
-            // Rows that the same windows have finished have the same tiles left.
-            let rows = self.rows_of_tiles(self.levels - up);
-            let edges = finished.iter().flat_map(|extent| [extent.rows.start, extent.rows.end]);
-            let edges: BTreeSet<u32> = edges.chain([0]).filter(|&y| y < rows).collect();
-            edges.into_iter().map(of_row).max().unwrap_or(whole).min(whole)
+/// Bytes of memory that joining windows takes at most: a sweep over the tiles that none of them has finished, and over the rims of those
+/// beside them. The quarters of a row are read all at once, packed.
+pub fn of_merge(plan: &Plan, strips: &[Rect]) -> u64 {
+    let all = plan.pyramid.leaves().columns;
+    let reaches: Vec<Reach> = strips.iter().map(|strip| Reach::new(&plan.pyramid, strip)).collect();
+    let unfinished = |up: u8| {
+        let finished: Vec<&Rect> =
+            reaches.iter().map(|reach| reach.finished(plan.pyramid.levels - up)).collect();
+        let whole = plan.occupied.widest(up, &all);
+        let of_row = |y: u32| {
+            let here = finished.iter().filter(|extent| extent.rows.contains(&y) && !extent.is_empty());
+            let mut columns: Vec<&Range<u32>> = here.map(|extent| &extent.columns).collect();
+            columns.sort_unstable_by_key(|columns| columns.start);
+            let (mut tiles, mut from) = (2 * columns.len() as u64, 0);
+            for columns in columns {
+                tiles += plan.occupied.widest(up, &(from << up..columns.start << up));
+                from = columns.end;
+            }
+            tiles + plan.occupied.widest(up, &(from << up..all.end))
         };
-        let rows: Vec<u64> = (0..=self.levels).map(unfinished).collect();
-        let most = rows.iter().copied().max().unwrap_or(0);
-        most * Sizes::of(self).quarter + self.memory_of_rows(&rows)
-    }
+        // Rows that the same windows have finished have the same tiles left.
+        let rows = plan.pyramid.rows(plan.pyramid.levels - up);
+        let edges = finished.iter().flat_map(|extent| [extent.rows.start, extent.rows.end]);
+        let edges: BTreeSet<u32> = edges.chain([0]).filter(|&y| y < rows).collect();
+        edges.into_iter().map(of_row).max().unwrap_or(whole).min(whole)
+    };
+    let rows: Vec<u64> = (0..=plan.pyramid.levels).map(unfinished).collect();
+    let most = rows.iter().copied().max().unwrap_or(0);
+    most * Sizes::of(plan).quarter + of_rows(plan, &rows)
+}
 
-    /// Bytes for rows of so many tiles, leaves first, and for what does not depend on them.
-    fn memory_of_rows(&self, rows: &[u64]) -> u64 {
-        let sizes = Sizes::of(self);
-        let (all, most) = (rows.iter().sum::<u64>(), rows.iter().copied().max().unwrap_or(0));
-        let (above, most_above) = (all - rows[0], rows.iter().skip(1).copied().max().unwrap_or(0));
-        let (quarters, unfinished) = (all + most, above + most_above);
-        let samples = ((self.tile + 1) * (self.tile + 1)) as u64;
-        (2 * all + most) * sizes.lattice
-            + unfinished * (sizes.blocks + 4 * sizes.errors)
-            + quarters * (sizes.quarter + sizes.errors)
-            + most * (sizes.finished + sizes.finished.max(sizes.fills))
-            + self.jobs as u64 * (samples * THREAD_SAMPLE + THREAD)
-            + AT_ONCE.min(most as usize * 4) as u64 * sizes.quarter
-            + self.most_tiles().iter().sum::<u64>() * INDEX
-            + PROGRAM
-    }
+/// Bytes for rows of so many tiles, leaves first, and for what does not depend on them.
+fn of_rows(plan: &Plan, rows: &[u64]) -> u64 {
+    let sizes = Sizes::of(plan);
+    let (all, most) = (rows.iter().sum::<u64>(), rows.iter().copied().max().unwrap_or(0));
+    let (above, most_above) = (all - rows[0], rows.iter().skip(1).copied().max().unwrap_or(0));
+    let (quarters, unfinished) = (all + most, above + most_above);
+    let samples = ((plan.pyramid.tile + 1) * (plan.pyramid.tile + 1)) as u64;
+    (2 * all + most) * sizes.lattice
+        + unfinished * (sizes.blocks + 4 * sizes.errors)
+        + quarters * (sizes.quarter + sizes.errors)
+        + most * (sizes.finished + sizes.finished.max(sizes.fills))
+        + plan.jobs as u64 * (samples * THREAD_SAMPLE + THREAD)
+        + AT_ONCE.min(most as usize * 4) as u64 * sizes.quarter
+        + plan.most_tiles().iter().sum::<u64>() * INDEX
+        + PROGRAM
 }

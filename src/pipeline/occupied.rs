@@ -5,21 +5,20 @@
 
 use std::ops::Range;
 
-use crate::pipeline::reach::Extent;
-use crate::source::Rect;
+use crate::rect::Rect;
 
 /// Rectangles of leaf tiles outside of which there are none.
 #[derive(Clone, Debug)]
 pub struct Occupied {
     /// By their first row.
-    rects: Vec<Extent>,
+    rects: Vec<Rect>,
     /// Rows of the tallest.
     tallest: u32,
 }
 
 impl Occupied {
     /// The tiles of `all` that a footprint touches with their closed squares of `tile` intervals. No footprint: all.
-    pub fn new(footprint: Option<&[Rect]>, tile: u32, all: &Extent) -> Self {
+    pub fn new(footprint: Option<&[Rect]>, tile: u32, all: &Rect) -> Self {
         let along = |samples: &Range<u32>| {
             // The first sample may be the last of the tile before.
             let first = samples.start.saturating_sub(1) / tile;
@@ -30,7 +29,7 @@ impl Occupied {
             Some(rects) => rects
                 .iter()
                 .filter(|rect| !rect.columns.is_empty() && !rect.rows.is_empty())
-                .map(|rect| all.common(&Extent { columns: along(&rect.columns), rows: along(&rect.rows) }))
+                .map(|rect| all.common(&Rect { columns: along(&rect.columns), rows: along(&rect.rows) }))
                 .filter(|extent| !extent.is_empty())
                 .collect(),
         };
@@ -60,12 +59,12 @@ impl Occupied {
     /// Tells of each such group how many rows it has, and the runs of its tiles.
     fn each_group(&self, levels_up: u8, columns: &Range<u32>, mut tell: impl FnMut(u64, &[Range<u32>])) {
         let up = |range: &Range<u32>| range.start >> levels_up..((range.end - 1) >> levels_up) + 1;
-        let rects: Vec<Extent> = self
+        let rects: Vec<Rect> = self
             .rects
             .iter()
-            .map(|rect| rect.common(&Extent { columns: columns.clone(), rows: rect.rows.clone() }))
+            .map(|rect| rect.common(&Rect { columns: columns.clone(), rows: rect.rows.clone() }))
             .filter(|rect| !rect.is_empty())
-            .map(|rect| Extent { columns: up(&rect.columns), rows: up(&rect.rows) })
+            .map(|rect| Rect { columns: up(&rect.columns), rows: up(&rect.rows) })
             .collect();
         let mut edges: Vec<u32> = rects.iter().flat_map(|rect| [rect.rows.start, rect.rows.end]).collect();
         edges.sort_unstable();
@@ -138,7 +137,7 @@ mod tests {
     proptest! {
         #[test]
         fn agrees_with_a_bitmap(rects in prop::collection::vec(rect(), 0..9), window in (0_u32..15, 0_u32..16)) {
-            let all = Extent { columns: 0..15, rows: 0..15 };
+            let all = Rect { columns: 0..15, rows: 0..15 };
             let occupied = Occupied::new(Some(&rects), 16, &all);
             let touches = |x: u32, y: u32| {
                 let meets = |tile: u32, samples: &Range<u32>| {

@@ -3,7 +3,7 @@
 use crate::container::layout::Header;
 use crate::geo::CrsKind;
 use crate::pipeline::plan::Plan;
-use crate::pipeline::quarter::Range;
+use crate::pipeline::value_range::ValueRange;
 use crate::sample::{Coding, Lattice, VALID};
 use crate::source::{SourceInfo, advice};
 
@@ -49,7 +49,7 @@ fn error(plan: &Plan) -> f64 {
 }
 
 /// The range of the valid samples of a leaf but for its lowest and highest one where they look like void.
-pub fn rest(lattice: &Lattice, range: Range, plan: &Plan) -> Range {
+pub fn rest(lattice: &Lattice, range: ValueRange, plan: &Plan) -> ValueRange {
     let error = error(plan);
     let odd = |value: f64| (value == range.low || value == range.high) && is_sentinel(value, error);
     if !odd(range.low) && !odd(range.high) {
@@ -58,11 +58,17 @@ pub fn rest(lattice: &Lattice, range: Range, plan: &Plan) -> Range {
     let coding = plan.recipe.coding;
     let valid = (0..lattice.state.len()).filter(|&index| lattice.state[index] == VALID);
     let values = valid.map(|index| lattice.value(index, coding)).filter(|&value| !odd(value));
-    values.fold(Range::EMPTY, |range, value| range.join(Range { low: value, high: value }))
+    values.fold(ValueRange::EMPTY, |range, value| range.join(ValueRange { low: value, high: value }))
 }
 
 /// Says what is odd; `all` is the range of the valid samples, `rest` what [`rest`] leaves of it.
-pub fn warnings(all: Range, rest: Range, plan: &Plan, info: &SourceInfo, header: &Header) -> Vec<String> {
+pub fn warnings(
+    all: ValueRange,
+    rest: ValueRange,
+    plan: &Plan,
+    info: &SourceInfo,
+    header: &Header,
+) -> Vec<String> {
     let name = name(info);
     let (mut found, mut seen) = (Vec::new(), all);
     if rest.low <= rest.high {

@@ -62,6 +62,17 @@ pub fn check_heights(info: &SourceInfo, statistics: &Statistics) -> Result<()> {
     }
 }
 
+/// Fails if there are warnings and they are to be errors.
+pub fn check_warnings(warnings: &[String], strict: bool) -> Result<()> {
+    match warnings {
+        [first, rest @ ..] if strict => {
+            let more = if rest.is_empty() { String::new() } else { format!(" (and {} more)", rest.len()) };
+            Err(Error::usage(format!("{first}{more}; nothing is built, as warnings are to be errors")))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Opens a finished file and reads all of it that is not a tile: header, metadata, every page of the index, statistics.
 pub fn inspect(path: &Path) -> Result<()> {
     let read = || {

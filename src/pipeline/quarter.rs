@@ -8,8 +8,8 @@ use crate::patch::blocks::Blocks;
 use crate::pipeline::buffers::Buffers;
 use crate::pipeline::bytes::{Reader, Writer, unpacked};
 use crate::pipeline::plan::Plan;
-use crate::sample::{Coding, FILLED, Lattice, VALID};
-use crate::states;
+use crate::pipeline::value_range::ValueRange;
+use crate::sample::{Lattice, VALID};
 
 /// A quarter of a parent.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,12 +21,12 @@ pub struct Quarter {
     /// Its errors.
     pub errors: Errors,
     /// Heights of it and of all below.
-    pub range: Range,
+    pub range: ValueRange,
 }
 
 impl Quarter {
     /// The quarter in a quadrant of a parent.
-    pub fn cut(lattice: &Lattice, blocks: &Blocks, quadrant: u8, errors: Errors, range: Range) -> Self {
+    pub fn cut(lattice: &Lattice, blocks: &Blocks, quadrant: u8, errors: Errors, range: ValueRange) -> Self {
         let half = lattice.n / 2;
         let (x, y) = (usize::from(quadrant & 1) * half, usize::from(quadrant >> 1) * half);
         let samples = Square { stride: lattice.n + 1, x, y, side: half + 1 };
@@ -84,7 +84,7 @@ impl Quarter {
 
     /// The inverse of [`Quarter::encode`], for the tiles of a plan.
     pub fn decode(packed: &[u8], plan: &Plan) -> Result<Self> {
-        let (n, coding) = (plan.tile, plan.recipe.coding);
+        let (n, coding) = (plan.pyramid.tile, plan.recipe.coding);
         let half = n / 2;
         let bytes = unpacked(packed, n)?;
         let mut from = Reader::new(&bytes);
@@ -114,7 +114,7 @@ impl Quarter {
             ahead_vertical: steps()?,
             ahead_horizontal: steps()?,
         };
-        let range = Range { low: from.float()?, high: from.float()? };
+        let range = ValueRange { low: from.float()?, high: from.float()? };
         from.end()?;
         let patches = n / plan.patch;
         if !errors.is_of(patches, plan.patch.trailing_zeros() as usize + 1) {
@@ -158,7 +158,7 @@ pub fn encode_rim(lattice: &Lattice) -> Result<Vec<u8>> {
 
 /// The inverse of [`encode_rim`]: a lattice that is void within.
 pub fn decode_rim(packed: &[u8], plan: &Plan) -> Result<Lattice> {
-    let (n, coding) = (plan.tile, plan.recipe.coding);
+    let (n, coding) = (plan.pyramid.tile, plan.recipe.coding);
     let bytes = unpacked(packed, n)?;
     let mut from = Reader::new(&bytes);
     let mut lattice = Lattice::new(n, coding);
@@ -179,59 +179,4 @@ fn rim(n: usize) -> impl Iterator<Item = usize> {
     let last = n * (n + 1);
     let sides = (1..n).flat_map(move |y| [y * (n + 1), y * (n + 1) + n]);
     (0..=n).chain(sides).chain(last..=last + n)
-}
-
-/// Lowest and highest value; empty if `low > high`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Range {
-    /// Lowest.
-    pub low: f64,
-    /// Highest.
-    pub high: f64,
-}
-
-impl Range {
-    /// No value.
-    pub const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
-
-    /// The range of both.
-    #[must_use]
-    pub fn join(self, other: Self) -> Self {
-        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
-    }
-
-    /// Range of the samples that have a height, filled or valid, and of the valid ones alone.
-    pub fn of(lattice: &Lattice, coding: Coding) -> [Self; 2] {
-        if coding.has_low() {
-            return [FILLED, VALID].map(|least| {
-                let known = (0..lattice.state.len()).filter(|&i| lattice.state[i] >= least);
-                known
-                    .map(|i| lattice.value(i, coding))
-                    .fold(Self::EMPTY, |range, v| Self { low: range.low.min(v), high: range.high.max(v) })
-            });
-        }
-        let (code, state) = (&lattice.code, &lattice.state);
-        let known = states::known_range(code, state);
-        let valid = if states::all_valid(state) { known } else { states::valid_range(code, state) };
-        [known, valid].map(|range| {
-            range.map_or(Self::EMPTY, |(low, high)| {
-                let (a, b) = (coding.value(low, 0), coding.value(high, 0));
-                Self { low: a.min(b), high: a.max(b) }
-            })
-        })
-    }
-
-    /// In metres.
-    pub fn metres(self, plan: &Plan) -> (f64, f64) {
-        let (a, b) = (plan.metres_of(self.low), plan.metres_of(self.high));
-        (a.min(b), a.max(b))
-    }
-
-    /// In metres as f32, rounded outward.
-    pub fn outward(self, plan: &Plan) -> (f32, f32) {
-        let (low, high) = self.metres(plan);
-        let down = if f64::from(low as f32) > low { (low as f32).next_down() } else { low as f32 };
-        let up = if f64::from(high as f32) < high { (high as f32).next_up() } else { high as f32 };
-        (down, up)
-    }
 }

@@ -6,78 +6,30 @@
 
 use std::ops::Range;
 
-use serde::{Deserialize, Serialize};
-
-use crate::pipeline::plan::Plan;
-
-/// A rectangle of tiles of one level.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Extent {
-    /// Columns, from the west.
-    pub columns: Range<u32>,
-    /// Rows, from the north.
-    pub rows: Range<u32>,
-}
-
-impl std::fmt::Display for Extent {
-    /// As `--window` takes it.
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { columns, rows } = self;
-        write!(f, "{},{},{},{}", columns.start, rows.start, columns.end, rows.end)
-    }
-}
-
-impl Extent {
-    /// All tiles that a level can have.
-    pub fn of_level(plan: &Plan, level: u8) -> Self {
-        Self { columns: 0..plan.columns_of_tiles(level), rows: 0..plan.rows_of_tiles(level) }
-    }
-
-    /// True if the tile is in it.
-    pub fn contains(&self, x: u32, y: u32) -> bool {
-        self.columns.contains(&x) && self.rows.contains(&y)
-    }
-
-    /// True if there is no tile in it.
-    pub fn is_empty(&self) -> bool {
-        self.columns.is_empty() || self.rows.is_empty()
-    }
-
-    /// True if all of `other` is in it.
-    pub fn covers(&self, other: &Self) -> bool {
-        let within = |a: &Range<u32>, b: &Range<u32>| a.start <= b.start && b.end <= a.end;
-        within(&self.columns, &other.columns) && within(&self.rows, &other.rows)
-    }
-
-    /// The tiles of both.
-    #[must_use]
-    pub fn common(&self, other: &Self) -> Self {
-        let common = |a: &Range<u32>, b: &Range<u32>| a.start.max(b.start)..a.end.min(b.end);
-        Self { columns: common(&self.columns, &other.columns), rows: common(&self.rows, &other.rows) }
-    }
-}
+use super::pyramid::Pyramid;
+use crate::rect::Rect;
 
 /// The rectangles of a window, by level.
 #[derive(Clone, Debug)]
 pub struct Reach {
-    lattice: Vec<Extent>,
-    assembled: Vec<Extent>,
-    finished: Vec<Extent>,
+    lattice: Vec<Rect>,
+    assembled: Vec<Rect>,
+    finished: Vec<Rect>,
 }
 
 impl Reach {
     /// The reach of a window of leaf tiles.
-    pub fn new(plan: &Plan, window: &Extent) -> Self {
-        let lattice: Vec<Extent> = (0..=plan.levels).map(|level| Extent::of_level(plan, level)).collect();
+    pub fn new(pyramid: &Pyramid, window: &Rect) -> Self {
+        let lattice: Vec<Rect> = (0..=pyramid.levels).map(|level| pyramid.tiles(level)).collect();
         let (mut assembled, mut finished) = (vec![window.clone()], vec![window.clone()]);
-        for level in (0..plan.levels).map(usize::from).rev() {
+        for level in (0..pyramid.levels).map(usize::from).rev() {
             let (below, here) = (&lattice[level + 1], &lattice[level]);
             let children = &finished[finished.len() - 1];
-            let whole = Extent {
+            let whole = Rect {
                 columns: parents(&children.columns, below.columns.end),
                 rows: parents(&children.rows, below.rows.end),
             };
-            finished.push(Extent {
+            finished.push(Rect {
                 columns: inner(&whole.columns, here.columns.end),
                 rows: inner(&whole.rows, here.rows.end),
             });
@@ -89,12 +41,12 @@ impl Reach {
     }
 
     /// Tiles of a level that can be put together from their children.
-    pub fn assembled(&self, level: u8) -> &Extent {
+    pub fn assembled(&self, level: u8) -> &Rect {
         &self.assembled[usize::from(level)]
     }
 
     /// Tiles of a level that can be finished.
-    pub fn finished(&self, level: u8) -> &Extent {
+    pub fn finished(&self, level: u8) -> &Rect {
         &self.finished[usize::from(level)]
     }
 

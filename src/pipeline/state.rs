@@ -11,10 +11,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::file;
-use crate::pipeline::BuildOptions;
-use crate::pipeline::reach::Extent;
+use crate::pipeline::options::BuildOptions;
 use crate::pipeline::seam::Seams;
 use crate::pipeline::tally::Tally;
+use crate::rect::Rect;
 use crate::source::{Fingerprint, SourceInfo};
 use crate::work_folder::{Mark, state_path};
 
@@ -37,9 +37,9 @@ pub struct State {
     /// What the build was asked for.
     pub options: BuildOptions,
     /// Which leaf tiles it is to make.
-    pub window: Extent,
+    pub window: Rect,
     /// Strips of the window that are built one after the other, each in a folder of its own; empty if it is built in one go.
-    pub strips: Vec<Extent>,
+    pub strips: Vec<Rect>,
     /// Largest height, if the options ask for a precision.
     pub largest: f64,
     /// Rows of leaf tiles from the window's first up to this one are finished.

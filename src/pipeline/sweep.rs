@@ -9,14 +9,15 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
+use super::buffers::Buffers;
+use super::plan::Plan;
+use super::pyramid::Pyramid;
+use super::quarter::Quarter;
+use super::reach::Reach;
+use super::seam::{Item, SeamFile, Seams, encode_each};
+use super::tally::Tally;
+use super::work::{Finished, Work};
 use crate::error::Result;
-use crate::pipeline::buffers::Buffers;
-use crate::pipeline::plan::Plan;
-use crate::pipeline::quarter::Quarter;
-use crate::pipeline::reach::Reach;
-use crate::pipeline::seam::{Item, SeamFile, Seams, encode_each};
-use crate::pipeline::tally::Tally;
-use crate::pipeline::work::{Finished, Work};
 use crate::sample::{Lattice, VOID};
 use crate::tile::TileId;
 use crate::tile::fill::{self, Fill, Neighbourhood};
@@ -107,18 +108,25 @@ pub struct Sweep<'a> {
     plan: &'a Plan,
     reach: Reach,
     levels: Vec<Level>,
-    writer: ContainerWriter,
-    tally: Tally,
+    output: Output,
     /// Memory that nobody is using.
     buffers: &'a Buffers,
     /// Finished tiles that are written and counted while the next row is worked on.
     unwritten: Vec<Finished>,
     /// What others left for this sweep.
     earlier: Seams,
-    /// What this sweep leaves for others.
-    seam: SeamFile,
     /// Rows of leaf tiles before this one have been passed: if they come, they are only to be looked at.
     passed: u32,
+}
+
+/// Where a sweep puts what it makes.
+pub struct Output {
+    /// Gets the finished tiles.
+    pub writer: ContainerWriter,
+    /// Counts them.
+    pub tally: Tally,
+    /// Gets what this sweep leaves for others.
+    pub seam: SeamFile,
 }
 
 #[derive(Default)]
@@ -132,32 +140,26 @@ struct Level {
 }
 
 impl<'a> Sweep<'a> {
-    /// A sweep that appends what it finishes to `writer`, and counts it in `tally`.
-    pub fn new(
-        (plan, buffers): (&'a Plan, &'a Buffers),
-        reach: Reach,
-        (writer, tally): (ContainerWriter, Tally),
-        earlier: Seams,
-        seam: SeamFile,
-    ) -> Self {
-        let levels = (0..=plan.levels).map(|_| Level::default()).collect();
-        Self { plan, reach, levels, writer, tally, buffers, unwritten: Vec::new(), earlier, seam, passed: 0 }
+    /// A sweep over the tiles of a window. `earlier` is what other builds have left for it.
+    pub fn new(plan: &'a Plan, buffers: &'a Buffers, reach: Reach, output: Output, earlier: Seams) -> Self {
+        let levels = (0..=plan.pyramid.levels).map(|_| Level::default()).collect();
+        Self { plan, reach, levels, output, buffers, unwritten: Vec::new(), earlier, passed: 0 }
     }
 
     /// The next row of leaf tiles.
     pub fn push(&mut self, row: TileRow) -> Result<()> {
-        self.push_at(self.plan.levels, row)
+        self.push_at(self.plan.pyramid.levels, row)
     }
 
     /// A row of leaf tiles that others have finished: what they left of it goes on from here.
     pub fn pass(&mut self, y: u32) -> Result<()> {
         self.passed = y + 1;
-        self.stack(self.plan.levels, y, Vec::new())
+        self.stack(self.plan.pyramid.levels, y, Vec::new())
     }
 
     /// Works off what is left.
     pub fn finish(&mut self) -> Result<()> {
-        for level in (0..=self.plan.levels).rev() {
+        for level in (0..=self.plan.pyramid.levels).rev() {
             if self.levels[usize::from(level)].current.is_some() {
                 self.work(level, None)?;
             }
@@ -171,7 +173,7 @@ impl<'a> Sweep<'a> {
     /// Writes and counts what has been finished.
     pub fn settle(&mut self) -> Result<()> {
         let tiles = std::mem::take(&mut self.unwritten);
-        write(tiles, &mut self.writer, &mut self.tally, self.plan)
+        self.output.write(tiles, self.plan)
     }
 
     /// What stands in the levels now, as items: with the seam file and what is settled, all that a sweep needs to go on from here.
@@ -181,7 +183,7 @@ impl<'a> Sweep<'a> {
                 let items = waiting.iter().map(|(x, q)| Item::Quarter(TileId::new(level, *x, *y), q));
                 encode_each(&items.collect::<Vec<_>>(), put)?;
             }
-            if level == self.plan.levels {
+            if level == self.plan.pyramid.levels {
                 // Leaves come from the source again.
                 continue;
             }
@@ -194,22 +196,22 @@ impl<'a> Sweep<'a> {
 
     /// The writer, to mark how far it is.
     pub fn writer(&mut self) -> &mut ContainerWriter {
-        &mut self.writer
+        &mut self.output.writer
     }
 
     /// The seam file, likewise.
     pub fn seam(&mut self) -> &mut SeamFile {
-        &mut self.seam
+        &mut self.output.seam
     }
 
     /// What has been counted.
     pub fn tally(&self) -> &Tally {
-        &self.tally
+        &self.output.tally
     }
 
-    /// Hands back the writer.
-    pub fn into_writer(self) -> (ContainerWriter, Tally) {
-        (self.writer, self.tally)
+    /// What has been made.
+    pub fn into_output(self) -> Output {
+        self.output
     }
 
     fn push_at(&mut self, level: u8, row: TileRow) -> Result<()> {
@@ -223,7 +225,7 @@ impl<'a> Sweep<'a> {
     /// Works on the current row of a level, of which the row to the south is known now.
     fn work(&mut self, level: u8, south: Option<&TileRow>) -> Result<()> {
         let Some(mut row) = self.levels[usize::from(level)].current.take() else { return Ok(()) };
-        let passed = level == self.plan.levels && row.y < self.passed;
+        let passed = level == self.plan.pyramid.levels && row.y < self.passed;
         let quarters = if self.reach.finished(level).rows.contains(&row.y) && !passed {
             Some(self.finish_row(level, &mut row, south)?)
         } else {
@@ -245,7 +247,7 @@ impl<'a> Sweep<'a> {
         let (plan, y) = (self.plan, row.y);
         let columns = self.reach.finished(level).columns.clone();
         let north = self.levels[usize::from(level)].north.as_ref();
-        let fills = plan.fills(level, north, row, south, &columns);
+        let fills = fills(&plan.pyramid, level, north, row, south, &columns);
         let buffers = self.buffers;
         let work = || -> Vec<Option<Result<(Finished, Quarter)>>> {
             row.slots
@@ -264,8 +266,7 @@ impl<'a> Sweep<'a> {
                 .collect()
         };
         let unwritten = std::mem::take(&mut self.unwritten);
-        let (written, finished) =
-            rayon::join(|| write(unwritten, &mut self.writer, &mut self.tally, plan), work);
+        let (written, finished) = rayon::join(|| self.output.write(unwritten, plan), work);
         written?;
         let mut quarters = Vec::with_capacity(finished.len());
         for tile in finished.into_iter().flatten() {
@@ -278,10 +279,10 @@ impl<'a> Sweep<'a> {
 
     /// Leaves for others what they will need of a row that has been worked on.
     fn leave(&mut self, level: u8, row: &TileRow) -> Result<()> {
-        if level == self.plan.levels {
+        if level == self.plan.pyramid.levels {
             return Ok(());
         }
-        let (seam, reach) = (&mut self.seam, &self.reach);
+        let (seam, reach) = (&mut self.output.seam, &self.reach);
         row.leave(level, |x| reach.is_at_seam(level, x, row.y), &mut |bytes| seam.put(bytes))
     }
 
@@ -323,7 +324,7 @@ impl<'a> Sweep<'a> {
             }
         }
         let items: Vec<_> = left.iter().map(|(id, quarter)| Item::Quarter(*id, quarter)).collect();
-        self.seam.append(&items)?;
+        self.output.seam.append(&items)?;
         if !assembled.rows.contains(&y) {
             return Ok(());
         }
@@ -346,41 +347,41 @@ impl<'a> Sweep<'a> {
     }
 }
 
-/// Writes and counts finished tiles.
-fn write(tiles: Vec<Finished>, writer: &mut ContainerWriter, tally: &mut Tally, plan: &Plan) -> Result<()> {
-    for tile in tiles {
-        writer.append(&tile.record, &tile.chunks)?;
-        tally.add(&tile, &plan.geometry(tile.record.id));
+impl Output {
+    /// Writes and counts finished tiles.
+    fn write(&mut self, tiles: Vec<Finished>, plan: &Plan) -> Result<()> {
+        for tile in tiles {
+            self.writer.append(&tile.record, &tile.chunks)?;
+            self.tally.add(&tile, &plan.geometry(tile.record.id));
+        }
+        Ok(())
     }
-    Ok(())
 }
 
-impl Plan {
-    /// Fills of the tiles of a row in `columns`; none for the others.
-    fn fills(
-        &self,
-        level: u8,
-        north: Option<&TileRow>,
-        row: &TileRow,
-        south: Option<&TileRow>,
-        columns: &std::ops::Range<u32>,
-    ) -> Vec<Vec<Fill>> {
-        // A leaf settles every spacing up to its size; above, only the size itself is new.
-        let from = if level == self.levels { 1 } else { self.tile };
-        let north = north.filter(|north| north.y.checked_add(1) == Some(row.y));
-        let south = south.filter(|south| row.y.checked_add(1) == Some(south.y));
-        let rows = [north, Some(row), south];
-        row.slots
-            .par_iter()
-            .map(|(x, slot)| {
-                if !columns.contains(x) || !matches!(slot, Slot::Work(_)) {
-                    return Vec::new();
-                }
-                let around = rows.map(|row| {
-                    [x.checked_sub(1), Some(*x), x.checked_add(1)].map(|x| row?.slot(x?).map(Slot::lattice))
-                });
-                Neighbourhood(around).fills(from, self.tile)
-            })
-            .collect()
-    }
+/// Fills of the tiles of a row in `columns`; none for the others.
+fn fills(
+    pyramid: &Pyramid,
+    level: u8,
+    north: Option<&TileRow>,
+    row: &TileRow,
+    south: Option<&TileRow>,
+    columns: &std::ops::Range<u32>,
+) -> Vec<Vec<Fill>> {
+    // A leaf settles every spacing up to its size; above, only the size itself is new.
+    let from = if level == pyramid.levels { 1 } else { pyramid.tile };
+    let north = north.filter(|north| north.y.checked_add(1) == Some(row.y));
+    let south = south.filter(|south| row.y.checked_add(1) == Some(south.y));
+    let rows = [north, Some(row), south];
+    row.slots
+        .par_iter()
+        .map(|(x, slot)| {
+            if !columns.contains(x) || !matches!(slot, Slot::Work(_)) {
+                return Vec::new();
+            }
+            let around = rows.map(|row| {
+                [x.checked_sub(1), Some(*x), x.checked_add(1)].map(|x| row?.slot(x?).map(Slot::lattice))
+            });
+            Neighbourhood(around).fills(from, pyramid.tile)
+        })
+        .collect()
 }

@@ -9,14 +9,14 @@ use crate::error_code::metres_from_code;
 use crate::patch::TileGeometry;
 use crate::pipeline::counts::Counts;
 use crate::pipeline::plan::Plan;
-use crate::pipeline::quarter::Range;
+use crate::pipeline::value_range::ValueRange;
 use crate::pipeline::work::Finished;
 
 /// The counts of all levels.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tally {
     levels: Vec<LevelTally>,
-    /// Range of the values of all leaves, and of those that do not look like void; `None` while there are none.
+    /// ValueRange of the values of all leaves, and of those that do not look like void; `None` while there are none.
     #[serde(default)]
     values: [Option<(f64, f64)>; 2],
 }
@@ -43,7 +43,7 @@ impl Tally {
     pub fn new(plan: &Plan) -> Self {
         let steps = plan.patch.trailing_zeros() as usize + 1;
         let level = || LevelTally { steps: vec![StepTally::default(); steps], ..LevelTally::default() };
-        Self { levels: (0..=plan.levels).map(|_| level()).collect(), values: [None; 2] }
+        Self { levels: (0..=plan.pyramid.levels).map(|_| level()).collect(), values: [None; 2] }
     }
 
     /// Counts a finished tile.
@@ -87,9 +87,9 @@ impl Tally {
         alike
     }
 
-    /// Range of the values of all leaves, and of those that do not look like void.
-    pub fn values(&self) -> [Range; 2] {
-        self.values.map(|range| range.map_or(Range::EMPTY, |(low, high)| Range { low, high }))
+    /// ValueRange of the values of all leaves, and of those that do not look like void.
+    pub fn values(&self) -> [ValueRange; 2] {
+        self.values.map(|range| range.map_or(ValueRange::EMPTY, |(low, high)| ValueRange { low, high }))
     }
 
     /// The statistics section.

@@ -12,7 +12,8 @@ use crate::patch::{Errors, TileGeometry, inherit};
 use crate::pipeline::buffers::{Buffers, Lent};
 use crate::pipeline::odd;
 use crate::pipeline::plan::Plan;
-use crate::pipeline::quarter::{Quarter, Range};
+use crate::pipeline::quarter::Quarter;
+use crate::pipeline::value_range::ValueRange;
 use crate::sample::{Lattice, VALID};
 use crate::tile::{TileId, downsample};
 use crate::writer::{TileChunks, TileRecord};
@@ -28,7 +29,7 @@ pub struct Work {
 struct Below {
     blocks: Blocks,
     errors: [Option<Errors>; 4],
-    range: Range,
+    range: ValueRange,
     children: u8,
 }
 
@@ -53,7 +54,7 @@ pub struct Census {
     /// Lowest and highest in metres.
     pub range_m: Option<(f64, f64)>,
     /// Of a leaf: lowest and highest value, and the same without those that look like void.
-    pub values: Option<[Range; 2]>,
+    pub values: Option<[ValueRange; 2]>,
 }
 
 impl Work {
@@ -67,10 +68,11 @@ impl Work {
         if quarters.iter().all(Option::is_none) {
             return None;
         }
-        let (mut lattice, mut blocks) = (buffers.lattices.take(plan.tile), buffers.blocks.take(plan.tile));
-        lattice.reset(plan.tile, plan.recipe.coding);
-        blocks.reset(plan.tile);
-        let mut range = Range::EMPTY;
+        let (mut lattice, mut blocks) =
+            (buffers.lattices.take(plan.pyramid.tile), buffers.blocks.take(plan.pyramid.tile));
+        lattice.reset(plan.pyramid.tile, plan.recipe.coding);
+        blocks.reset(plan.pyramid.tile);
+        let mut range = ValueRange::EMPTY;
         let mut children = 0;
         let mut quadrant = 0;
         let errors = quarters.map(|quarter| {
@@ -104,7 +106,7 @@ impl Work {
         let Lent { scratch, chunks, owner: buffers } = lent;
         let coding = plan.recipe.coding;
         let geometry = plan.geometry(id);
-        let [own, valid] = Range::of(&self.lattice, coding);
+        let [own, valid] = ValueRange::of(&self.lattice, coding);
         let below = self.below.take();
         let fills = if below.is_none() { Fills::Beside } else { Fills::Any };
         if below.is_none() {
@@ -140,7 +142,7 @@ impl Work {
             min_m,
             max_m,
         };
-        let mut lattice = buffers.lattices.take(plan.tile / 2);
+        let mut lattice = buffers.lattices.take(plan.pyramid.tile / 2);
         downsample::halve(&self.lattice, &mut lattice);
         let quarter = Quarter { lattice, blocks, errors, range };
         let census = census(&self.lattice, valid, id, plan);
@@ -156,7 +158,7 @@ impl Work {
         buffers: &Buffers,
     ) -> (Vec<bool>, Blocks, Errors) {
         let (lattice, coding) = (&self.lattice, plan.recipe.coding);
-        let mut halved = buffers.blocks.take(plan.tile / 2);
+        let mut halved = buffers.blocks.take(plan.pyramid.tile / 2);
         match below {
             None => {
                 let unit = halved.set_leaf(lattice, coding, geometry);
@@ -164,7 +166,7 @@ impl Work {
                     Metric::Bound => inherit::leaf_bound(lattice, &unit, coding, geometry),
                     Metric::Paper => inherit::leaf_paper(lattice, coding, geometry),
                 };
-                (occupied(&unit, plan.tile, plan.patch), halved, errors)
+                (occupied(&unit, plan.pyramid.tile, plan.patch), halved, errors)
             }
             Some(Below { blocks, errors, .. }) => {
                 let children = errors.each_ref().map(Option::as_ref);
@@ -172,7 +174,7 @@ impl Work {
                     Metric::Bound => inherit::parent_bound(children, lattice, &blocks, coding, geometry),
                     Metric::Paper => inherit::parent_paper(children, lattice, coding, geometry),
                 };
-                let occupied = occupied(&blocks.state, plan.tile, plan.patch);
+                let occupied = occupied(&blocks.state, plan.pyramid.tile, plan.patch);
                 blocks.halve(&mut halved);
                 buffers.blocks.give(blocks.n, blocks);
                 (occupied, halved, errors)
@@ -182,7 +184,7 @@ impl Work {
 }
 
 /// Counts the tile's own samples; `range` is that of the valid ones. Neighbours share a column and a row: it belongs to the tile that starts with it.
-fn census(lattice: &Lattice, range: Range, id: TileId, plan: &Plan) -> Census {
+fn census(lattice: &Lattice, range: ValueRange, id: TileId, plan: &Plan) -> Census {
     let last = (1_u32 << id.level) - 1;
     let (columns, rows) = (lattice.n + usize::from(id.x == last), lattice.n + usize::from(id.y == last));
     let row = |y: usize| &lattice.state[lattice.at(0, y)..lattice.at(0, y) + columns];
@@ -190,7 +192,7 @@ fn census(lattice: &Lattice, range: Range, id: TileId, plan: &Plan) -> Census {
     let count = |run: &[u8]| u64::from(run.iter().map(|&state| u8::from(state == VALID)).sum::<u8>());
     let valid = (0..rows).flat_map(|y| row(y).chunks(usize::from(u8::MAX))).map(count).sum();
     let known = range.low <= range.high;
-    let values = (known && id.level == plan.levels).then(|| [range, odd::rest(lattice, range, plan)]);
+    let values = (known && id.level == plan.pyramid.levels).then(|| [range, odd::rest(lattice, range, plan)]);
     Census { valid, range_m: known.then(|| range.metres(plan)), values }
 }
 

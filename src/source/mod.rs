@@ -37,6 +37,7 @@ pub use self::warn::advice;
 
 use crate::error::{Error, Result};
 use crate::geo::Geo;
+pub use crate::rect::Rect;
 use crate::sample::SampleType;
 
 /// A file that samples come from, as recorded in the container.
@@ -46,15 +47,6 @@ pub struct Part {
     pub name: String,
     /// One line for people: `GeoTIFF, tiles 256 x 256, LZW, predictor 2`.
     pub description: String,
-}
-
-/// A rectangle of samples.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Rect {
-    /// Columns, from the west.
-    pub columns: Range<u32>,
-    /// Rows, from the north.
-    pub rows: Range<u32>,
 }
 
 /// What a raster is, known when it is opened.

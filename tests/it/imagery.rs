@@ -12,7 +12,7 @@ use relevo::container::{ImageryHeader, Reader};
 use relevo::geotiff_write::{GeotiffSpec, GeotiffWriter};
 use relevo::limits::Limits;
 use relevo::pipeline::imagery::{Imagery, LayerOptions};
-use relevo::pipeline::{self, BuildOptions, Silent};
+use relevo::pipeline::{self, BuildOptions, Silent, memory, strips};
 use relevo::sample::{SampleType, VALID};
 use relevo::source::Samples;
 use relevo::source::picture::{PictureOptions, open_all};
@@ -687,11 +687,11 @@ fn a_build_with_imagery_is_a_build_and_an_add() {
     let options = BuildOptions { tile: 16, patch: 16, jobs: Some(1), force: true, ..BuildOptions::default() };
     let plan = pipeline::plan(source.info(), &options).expect("plan");
     // As little as strips, and joining them, and the imagery can do with.
-    let wide = |columns: u32| (0..63 - columns).map(|x| plan.memory(&(x..x + columns))).max();
-    let memory = (4..63).map(wide).find(|&memory| plan.strips(memory).is_ok()).flatten();
+    let wide = |columns: u32| (0..63 - columns).map(|x| memory::estimate(&plan, &(x..x + columns))).max();
+    let memory = (4..63).map(wide).find(|&memory| strips::windows(&plan, memory).is_ok()).flatten();
     let least = *layer.memory(&plan.ground(), 1).expect("memory").start();
     let memory = memory.max(Some(least));
-    assert!(plan.strips(memory).expect("strips").len() > 1);
+    assert!(strips::windows(&plan, memory).expect("strips").len() > 1);
     let built = |name: &str, options: &BuildOptions| {
         let path = folder.path().join(name);
         let report = pipeline::build_with(&*source, Some(&layer), &path, options, &Silent).expect("build");

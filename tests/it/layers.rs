@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 /// Modules that may know those in lines above their own, and themselves.
 const LAYERS: [&[&str]; 7] = [
-    &["file"],
+    &["file", "progress", "rect"],
     &["source", "work_folder"],
     &["tile"],
     &["patch", "imagery", "writer"],

@@ -236,7 +236,7 @@ fn imagery_is_not_laid_over_another_terrain() {
     let open =
         |crs: &relevo::geo::Crs| open_all(&pictures, &PictureOptions::default(), crs, &Limits::default());
     let replace = Replace(path("t.rlv"), path("other.rlv"));
-    let added = add(&path("t.rlv"), &open, &LayerOptions::default(), (Some(1), None), &replace);
+    let added = add(&path("t.rlv"), &open, &LayerOptions::default(), Some(1), None, &replace);
     let message = added.expect_err("replaced").to_string();
     assert!(message.contains("has been replaced"), "{message}");
     assert!(fs::read(path("t.rlv")).expect("read") == other && !path("t.rlv.work").exists());

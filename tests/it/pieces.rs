@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use proptest::prelude::*;
+use relevo::Rect;
 use relevo::geo::Geo;
 use relevo::geotiff_write::{GeotiffSpec, GeotiffWriter};
 use relevo::limits::Limits;
-use relevo::pipeline::reach::Extent;
-use relevo::pipeline::{self, BuildOptions, Silent};
+use relevo::pipeline::{self, BuildOptions, Silent, memory, strips};
 use relevo::sample::SampleType;
 use relevo::source::{self, Samples};
 
@@ -46,21 +46,21 @@ fn dem(path: &Path, (width, height): (u32, u32), seed: u32, kind: SampleType) {
 }
 
 /// Cuts a rectangle of tiles in two, again and again, as the numbers say.
-fn cut(all: Extent, cuts: &[u32]) -> Vec<Extent> {
+fn cut(all: Rect, cuts: &[u32]) -> Vec<Rect> {
     let mut pieces = vec![all];
     for &number in cuts {
         let piece = pieces.remove(number as usize % pieces.len());
-        let Extent { columns, rows } = piece.clone();
+        let Rect { columns, rows } = piece.clone();
         let number = number >> 8;
         let (wide, high) = (columns.len() as u32, rows.len() as u32);
         if number % 2 == 0 && wide > 1 {
             let at = columns.start + 1 + number / 2 % (wide - 1);
-            pieces.push(Extent { columns: columns.start..at, rows: rows.clone() });
-            pieces.push(Extent { columns: at..columns.end, rows });
+            pieces.push(Rect { columns: columns.start..at, rows: rows.clone() });
+            pieces.push(Rect { columns: at..columns.end, rows });
         } else if high > 1 {
             let at = rows.start + 1 + number / 2 % (high - 1);
-            pieces.push(Extent { columns: columns.clone(), rows: rows.start..at });
-            pieces.push(Extent { columns, rows: at..rows.end });
+            pieces.push(Rect { columns: columns.clone(), rows: rows.start..at });
+            pieces.push(Rect { columns, rows: at..rows.end });
         } else {
             pieces.push(piece);
         }
@@ -89,7 +89,7 @@ proptest! {
         let built = pipeline::build(&*source, &whole, &options, &Silent);
         prop_assume!(built.is_ok());
         let plan = pipeline::plan(source.info(), &options).expect("plan");
-        let windows = cut(Extent::of_level(&plan, plan.levels), &cuts);
+        let windows = cut(plan.pyramid.leaves(), &cuts);
         let mut pieces: Vec<PathBuf> = Vec::new();
         for (i, window) in windows.iter().enumerate() {
             let piece = folder.path().join(format!("piece-{i}"));
@@ -196,10 +196,10 @@ fn a_limit_of_memory_changes_no_byte() {
     let whole = folder.path().join("whole.rlv");
     pipeline::build(&*source, &whole, &options, &Silent).expect("build");
     // Wherever so many columns lie.
-    let memory = |columns: u32| (0..=44 - columns).map(|x| plan.memory(&(x..x + columns))).max();
+    let memory = |columns: u32| (0..=44 - columns).map(|x| memory::estimate(&plan, &(x..x + columns))).max();
     for columns in [17, 28, 40] {
         let memory = memory(columns);
-        let strips = plan.strips(memory).expect("strips");
+        let strips = strips::windows(&plan, memory).expect("strips");
         // A strip is read with a column on either side; the raster has none beyond its own.
         assert!(strips.len() > 1 && strips.iter().all(|strip| strip.columns.len() < columns as usize));
         let limited = folder.path().join("limited.rlv");
@@ -207,10 +207,10 @@ fn a_limit_of_memory_changes_no_byte() {
         pipeline::build(&*source, &limited, &options, &Silent).expect("build");
         assert_eq!(fs::read(&limited).expect("limited"), fs::read(&whole).expect("whole"), "{columns}");
     }
-    assert_eq!(plan.strips(memory(44)).expect("one").len(), 1);
+    assert_eq!(strips::windows(&plan, memory(44)).expect("one").len(), 1);
     // Narrow strips leave everything above them to be joined at once.
-    let refused = plan.strips(memory(3)).expect_err("too little to join").to_string();
+    let refused = strips::windows(&plan, memory(3)).expect_err("too little to join").to_string();
     assert!(refused.contains("joining the strips"), "{refused}");
-    let refused = plan.strips(memory(1)).expect_err("too little").to_string();
+    let refused = strips::windows(&plan, memory(1)).expect_err("too little").to_string();
     assert!(refused.contains("--memory") && refused.contains("16 x 16"), "{refused}");
 }

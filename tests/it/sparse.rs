@@ -7,13 +7,13 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use proptest::prelude::*;
+use relevo::Rect;
 use relevo::Result;
 use relevo::container::reader::Reader;
 use relevo::geo::Geo;
-use relevo::pipeline::reach::Extent;
-use relevo::pipeline::{self, BuildOptions, Silent};
+use relevo::pipeline::{self, BuildOptions, Silent, memory, strips};
 use relevo::sample::SampleType;
-use relevo::source::{Fingerprint, Part, Rect, Samples, Source, SourceInfo, Window};
+use relevo::source::{Fingerprint, Part, Samples, Source, SourceInfo, Window};
 use relevo::verify::{VerifyOptions, verify};
 
 const VOID: i16 = -32768;
@@ -105,7 +105,7 @@ proptest! {
         let dense = built(&sparse.dense(), &folder.path().join("dense.rlv"), &options);
         prop_assert!(built(&sparse, &folder.path().join("sparse.rlv"), &options) == dense);
         // In two windows, and in strips.
-        let extent = |columns: Range<u32>| Extent { columns, rows: 0..32 };
+        let extent = |columns: Range<u32>| Rect { columns, rows: 0..32 };
         let pieces = [extent(0..at), extent(at..32)].map(|window| {
             let piece = folder.path().join(format!("piece-{}", window.columns.start));
             pipeline::build_window(&sparse, &piece, &window, &options, &Silent).expect("piece");
@@ -116,8 +116,8 @@ proptest! {
         prop_assert!(fs::read(&merged).expect("merged") == dense);
         let plan = pipeline::plan(&sparse.info, &options).expect("plan");
         // As little as strips, and joining them, can do with.
-        let tight = |columns: u32| (0..32).map(|x| plan.memory(&(u32::saturating_sub(x, 2)..x + columns))).max();
-        let memory = [3, 7, 15].map(tight).into_iter().find(|&memory| plan.strips(memory).is_ok()).flatten();
+        let tight = |columns: u32| (0..32).map(|x| memory::estimate(&plan, &(u32::saturating_sub(x, 2)..x + columns))).max();
+        let memory = [3, 7, 15].map(tight).into_iter().find(|&memory| strips::windows(&plan, memory).is_ok()).flatten();
         let options = BuildOptions { memory, ..options };
         prop_assert!(built(&sparse, &folder.path().join("strips.rlv"), &options) == dense);
     }
@@ -158,7 +158,7 @@ fn a_strip_in_a_raster_of_2_to_the_22_costs_what_it_holds() {
     let source = Patches::new((1 << 22, 1 << 22), rects.clone());
     let options = BuildOptions { tile: 32, patch: 16, ..BuildOptions::default() };
     let plan = pipeline::plan(source.info(), &options).expect("plan");
-    assert_eq!(plan.levels, 17);
+    assert_eq!(plan.pyramid.levels, 17);
     let output = folder.path().join("strip.rlv");
     let report = pipeline::build(&source, &output, &options, &Silent).expect("build");
     // Tiles that a square touches, counted one by one.
@@ -179,7 +179,11 @@ fn a_strip_in_a_raster_of_2_to_the_22_costs_what_it_holds() {
     // other.
     let read = source.read.load(Ordering::Relaxed);
     assert!(read <= 2 * leaves * 33 * 33, "{read} samples were read for {leaves} tiles");
-    assert!(plan.memory(&(0..u32::MAX)) < 64 << 20, "{}", plan.memory(&(0..u32::MAX)));
+    assert!(
+        memory::estimate(&plan, &(0..u32::MAX)) < 64 << 20,
+        "{}",
+        memory::estimate(&plan, &(0..u32::MAX))
+    );
     let reader = Reader::open(&output).expect("open");
     for y in [tiles.first().expect("a tile").1, 5, 60_000] {
         let row = reader.row(17, y).expect("row");

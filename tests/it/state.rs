@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use relevo::Error;
+use relevo::Rect;
 use relevo::geo::Geo;
 use relevo::geotiff_write::{GeotiffSpec, GeotiffWriter};
 use relevo::limits::Limits;
-use relevo::pipeline::reach::Extent;
-use relevo::pipeline::{self, BuildOptions, Observer, Silent, Stage};
+use relevo::pipeline::{self, BuildOptions, Observer, Silent, Stage, strips};
 use relevo::sample::SampleType;
 use relevo::source::{self, Samples, Source};
 
@@ -74,7 +74,7 @@ fn in_windows(source: &dyn Source, folder: &Path, output: &Path, options: &Build
         .into_iter()
         .map(|columns| {
             let piece = folder.join(format!("piece-{}", columns.start));
-            let window = Extent { columns, rows: 0..tiles };
+            let window = Rect { columns, rows: 0..tiles };
             pipeline::build_window(source, &piece, &window, options, &Silent).expect("window");
             piece
         })
@@ -99,9 +99,10 @@ fn no_number_is_lost_on_the_way() {
         is_same("resumed.rlv");
         in_windows(&*source, folder.path(), &path("merged.rlv"), &options);
         is_same("merged.rlv");
-        let limit =
-            pipeline::plan(source.info(), &options).expect("plan").memory_estimate(&options).expect("bytes")
-                - 1;
+        let limit = {
+            let plan = pipeline::plan(source.info(), &options).expect("plan");
+            strips::memory_estimate(&plan, &options).expect("bytes") - 1
+        };
         let narrow = BuildOptions { memory: Some(limit), ..options };
         pipeline::build(&*source, &path("strips.rlv"), &narrow, &Silent).expect("strips");
         is_same("strips.rlv");
@@ -116,7 +117,7 @@ fn a_damaged_row_of_the_list_of_tiles_is_found() {
     let source = source::open(&path("dem.tif"), &Limits::default()).expect("open");
     let options = options(None);
     let tiles = (SIDE - 1).div_ceil(options.tile);
-    let all = Extent { columns: 0..tiles, rows: 0..tiles };
+    let all = Rect { columns: 0..tiles, rows: 0..tiles };
     let piece = path("piece");
     pipeline::build_window(&*source, &piece, &all, &options, &Silent).expect("window");
     pipeline::merge(std::slice::from_ref(&piece), &path("good.rlv"), Some(2), false, &Silent).expect("merge");

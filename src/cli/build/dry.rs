@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use relevo::Error;
 use relevo::pipeline::estimate::{Estimate, estimate};
 use relevo::pipeline::imagery::Imagery as Layer;
-use relevo::pipeline::{BuildOptions, Plan};
+use relevo::pipeline::{BuildOptions, Plan, strips};
 use relevo::source::Source;
 use serde_json::{Value, json};
 
@@ -42,9 +42,10 @@ pub fn run(
     writeln!(out, "{}", wrapped(&format!("{}: nothing is written (--dry-run)", shown(output)), 2))?;
     let tiles = plan.most_tiles();
     let each: Vec<String> = tiles.iter().map(|&tiles| count(tiles)).collect();
-    let levels = format!("{} (0 to {}), of at most {} tiles", tiles.len(), plan.levels, each.join(", "));
+    let levels =
+        format!("{} (0 to {}), of at most {} tiles", tiles.len(), plan.pyramid.levels, each.join(", "));
     fact("levels", &levels, out)?;
-    let side = plan.tile;
+    let side = plan.pyramid.tile;
     fact("tiles", &format!("at most {} of {side} x {side}", grouped(tiles.iter().sum())), out)?;
     let threads = plural(plan.jobs as u64, "thread", "threads");
     let took = format!("about {} on {threads}, if nobody else works here", seconds(estimate.seconds));
@@ -64,7 +65,7 @@ fn facts(plan: &Plan, estimate: &Estimate, memory: u64) -> Value {
     let of_level = |(level, tiles): (usize, &u64)| json!({ "level": level, "most_tiles": tiles });
     let levels: Vec<Value> = tiles.iter().enumerate().map(of_level).collect();
     json!({
-        "columns": plan.width, "rows": plan.height, "tile": plan.tile, "patch": plan.patch, "metric": plan.metric.as_str(), "level_count": tiles.len(),
+        "columns": plan.pyramid.width, "rows": plan.pyramid.height, "tile": plan.pyramid.tile, "patch": plan.patch, "metric": plan.metric.as_str(), "level_count": tiles.len(),
         "most_tiles": tiles.iter().sum::<u64>(), "levels": levels, "memory_bytes": memory,
         "disk_bytes": estimate.bytes, "work_folder_bytes": 2 * estimate.bytes,
         "estimated_seconds": estimate.seconds, "tiles_tried": estimate.tiles,
@@ -73,7 +74,7 @@ fn facts(plan: &Plan, estimate: &Estimate, memory: u64) -> Value {
 
 /// Bytes of memory that a build takes at most: its imagery is made when its heights are done.
 fn memory((plan, layer): (&Plan, Option<&Layer<'_>>), options: &BuildOptions) -> Result<u64, Error> {
-    let heights = plan.memory_estimate(options)?;
+    let heights = strips::memory_estimate(plan, options)?;
     let Some(layer) = layer else { return Ok(heights) };
     layer.check(&plan.ground())?;
     layer.keep_within(&plan.ground(), plan.jobs, options.memory)?;

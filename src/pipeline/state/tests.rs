@@ -6,7 +6,7 @@ use super::*;
 use crate::container::layout::Metric;
 use crate::geo::{Ellipsoid, GeoKeys};
 use crate::limits::Limits;
-use crate::source::{FileStamp, Overlap, Part, Rect, open};
+use crate::source::{FileStamp, Overlap, Part, open};
 
 /// Any bits, and often those that a text would lose.
 fn float() -> impl Strategy<Value = f64> {
@@ -39,8 +39,8 @@ fn range() -> impl Strategy<Value = std::ops::Range<u32>> {
     (any::<u32>(), any::<u32>()).prop_map(|(a, b)| a..b)
 }
 
-fn extent() -> impl Strategy<Value = Extent> {
-    (range(), range()).prop_map(|(columns, rows)| Extent { columns, rows })
+fn extent() -> impl Strategy<Value = Rect> {
+    (range(), range()).prop_map(|(columns, rows)| Rect { columns, rows })
 }
 
 /// What a raster says of itself, all numbers of which are odd.

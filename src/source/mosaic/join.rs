@@ -178,7 +178,7 @@ pub(crate) fn member(
     // Only where what is void to the piece is void here, too.
     let own = info.footprint.as_ref().filter(|_| info.nodata.is_none() || info.nodata == nodata);
     let shifted = |own: &Rect| {
-        let inside = own.common(
+        let inside = own.within(
             &(origin.0..origin.0 + rect.columns.len() as u32),
             &(origin.1..origin.1 + rect.rows.len() as u32),
         );

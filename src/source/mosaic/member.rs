@@ -65,26 +65,10 @@ pub(crate) struct Member {
     pub(crate) held: Held,
 }
 
-impl Rect {
-    /// Number of samples.
-    pub(crate) fn area(&self) -> usize {
-        self.columns.len() * self.rows.len()
-    }
-
-    /// What two rectangles have in common; empty if they have nothing.
-    pub(crate) fn common(&self, columns: &Range<u32>, rows: &Range<u32>) -> Self {
-        let both = |a: &Range<u32>, b: &Range<u32>| {
-            let (start, end) = (a.start.max(b.start), a.end.min(b.end));
-            start..end.max(start)
-        };
-        Self { columns: both(&self.columns, columns), rows: both(&self.rows, rows) }
-    }
-}
-
 impl Member {
     /// What it has of a window of the mosaic.
     pub(super) fn common(&self, columns: &Range<u32>, rows: &Range<u32>) -> Rect {
-        self.rect.common(columns, rows)
+        self.rect.within(columns, rows)
     }
 
     /// A rectangle of the mosaic, inside `rect`, in columns and rows of the raster.
