@@ -1,5 +1,5 @@
-//! [`Assembly`]: the last step of a build, when all tiles are finished. It makes the imagery layer, metadata and
-//! statistics, and lets the writer put the file together.
+//! [`Assembly`]: the last step of a build, when all tiles are finished. It makes the imagery layer,
+//! metadata and statistics, and lets the writer put the file together.
 
 use std::time::Instant;
 
@@ -34,20 +34,20 @@ impl Assembly<'_> {
     /// Puts the file together.
     pub fn finish(self, done: Done) -> Result<Report> {
         let Self { info, plan, options, imagery, progress, start } = self;
-        let Done { mut writer, tally, .. } = done;
+        let Done { mut writer, statistics, .. } = done;
         if writer.tile_count() == 0 {
             writer.store_mut().folder_mut().discard();
             return Err(all_void(info, plan));
         }
         let header = plan.header(info, writer.tile_count());
-        let [all, rest] = tally.values();
+        let [all, rest] = statistics.values();
         let mut warnings = info.warnings.clone();
         warnings.extend(odd::warnings(all, rest, plan, info, &header));
         if let Err(error) = outcome::check_warnings(&warnings, options.strict) {
             writer.store_mut().folder_mut().discard();
             return Err(error);
         }
-        let statistics = tally.statistics(&header);
+        let statistics = statistics.statistics(&header);
         outcome::check_heights(info, &statistics)?;
         let mut metadata = metadata(info, options, plan.recipe.nodata, &statistics);
         let mut layer_report = None;

@@ -5,12 +5,12 @@ use rayon::prelude::*;
 use super::buffers::Buffers;
 use super::job::Job;
 use super::sweep::{Slot, TileRow};
-use super::work::Work;
+use super::tile_work::TileWork;
 use crate::error::Result;
 use crate::rect::Rect;
 use crate::tile::{fill, split};
 
-/// The bands of the source that a window needs.
+/// Reads the bands of the source that a window needs.
 pub struct Bands<'a> {
     /// The build.
     pub job: &'a Job<'a>,
@@ -21,7 +21,8 @@ pub struct Bands<'a> {
 }
 
 impl Bands<'_> {
-    /// Row `y` of leaf tiles, with the tiles beside the window; those in rows before `first` are only looked at.
+    /// Row `y` of leaf tiles, with one tile on either side of the window. Tiles in rows before
+    /// `first` are only looked at.
     pub fn row(&self, y: u32, first: u32) -> Result<TileRow> {
         let Job { source, plan, .. } = self.job;
         let (pyramid, spares) = (&plan.pyramid, &self.buffers.lattices);
@@ -44,7 +45,7 @@ impl Bands<'_> {
                     return Some((x, Slot::Seen(lattice)));
                 }
                 fill::inside(&mut lattice);
-                Some((x, Slot::Work(Box::new(Work::leaf(lattice)))))
+                Some((x, Slot::TileWork(Box::new(TileWork::leaf(lattice)))))
             }));
             source.take_back(window);
         }

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
+use super::carry::Carried;
 use super::job::Job;
 use super::plan::recipe;
-use super::seam::Seams;
 use super::state::State;
-use super::tally::Tally;
+use super::statistics::StatisticsBuilder;
 use crate::error::{Error, Result};
 use crate::progress::Stage;
 use crate::rect::Rect;
@@ -14,21 +14,21 @@ use crate::source::Nodata;
 use crate::tile::code::max_magnitude;
 use crate::work_folder::{Earlier, Mark, WorkFolder};
 
-/// A work folder that has been taken, and what is to be done in it.
+/// A build whose work folder has been taken.
 pub struct Begun {
     /// The folder.
     pub work: WorkFolder,
     /// How far the build is.
     pub state: State,
     /// What an earlier build left for this one.
-    pub seams: Seams,
+    pub carried: Carried,
     /// True if an earlier build left a state.
     pub resumed: bool,
 }
 
 impl Begun {
-    /// Takes the work folder of `output`, with what an earlier build of the same window left there, and completes the plan.
-    /// `strips` are kept with a new state; `largest` is the largest height of the source if that is known.
+    /// Takes the work folder of `output`, with what an earlier build of the same window left there,
+    /// and completes the plan. `largest` is the largest height of the source, if that is known.
     pub fn new(job: &mut Job<'_>, output: &Path, window: Rect, largest: Option<f64>) -> Result<Self> {
         let (source, options) = (job.source, job.options);
         let fingerprint = source.fingerprint()?;
@@ -38,7 +38,7 @@ impl Begun {
             (false, false) => Earlier::Refuse,
         };
         let work = WorkFolder::take(output, options.force, earlier)?;
-        let mut seams = Seams::default();
+        let mut carried = Carried::default();
         let mut state = State {
             tool: concat!("relevo ", env!("CARGO_PKG_VERSION")).to_owned(),
             fingerprint,
@@ -46,15 +46,15 @@ impl Begun {
             options: options.clone(),
             next: window.rows.start,
             window,
-            strips: Vec::new(),
+            passes: Vec::new(),
             largest: 0.0,
             mark: Mark::default(),
-            seam: ("seam-0".to_owned(), 0),
-            tally: Tally::new(&job.plan),
+            carry: ("seam-0".to_owned(), 0),
+            statistics: StatisticsBuilder::new(&job.plan),
         };
         let resumed = work.has_state();
         if resumed {
-            let earlier = State::read(work.folder(), &mut seams)?;
+            let earlier = State::read(work.folder(), &mut carried)?;
             earlier.check_same(&state, work.folder())?;
             state = State { options: state.options, ..earlier };
         } else {
@@ -64,21 +64,21 @@ impl Begun {
             };
         }
         job.plan.recipe = recipe(source.info(), options, state.largest)?;
-        Ok(Self { work, state, seams, resumed })
+        Ok(Self { work, state, carried, resumed })
     }
 
-    /// True if nothing has been done yet.
+    /// True if no earlier build left a state.
     pub fn is_new(&self) -> bool {
         !self.resumed
     }
 
-    /// The folder, to be worked in by others.
+    /// The folder and the state, for a build in several passes.
     pub fn into_work(self) -> (WorkFolder, State) {
         (self.work, self.state)
     }
 }
 
-/// The largest height, which quantising needs first: one more pass over the source.
+/// The largest height of the source, which quantising needs first. Reads the whole source once.
 fn largest(job: &Job<'_>) -> Result<f64> {
     let Job { source, plan, options, progress } = job;
     let info = source.info();

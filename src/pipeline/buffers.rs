@@ -1,7 +1,8 @@
-//! Memory that serves one tile after the other: what a thread works in, and the planes of lattices and blocks.
+//! [`Buffers`]: memory that is used again for one tile after the other.
 //!
-//! Planes are made by one thread and dropped by another. Allocators that keep memory apart for every thread would keep for each of them the most
-//! that it ever had; so what is of no more use waits here for the next tile.
+//! The planes of lattices and blocks are made by one thread and dropped by another. An allocator
+//! that keeps memory apart for every thread would keep for each of them the most that it ever had.
+//! So memory that is done with waits here for the next tile.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -11,7 +12,7 @@ use crate::patch::blocks::Blocks;
 use crate::sample::Lattice;
 use crate::writer::TileChunks;
 
-/// Memory that nobody is using.
+/// Memory that is not in use at the moment.
 #[derive(Default)]
 pub struct Buffers {
     threads: Mutex<Vec<(Scratch, TileChunks)>>,
@@ -21,18 +22,18 @@ pub struct Buffers {
     pub blocks: Spares<Blocks>,
 }
 
-/// Buffers of a thread while it works on some tiles; they go back by themselves.
+/// Buffers of a thread while it works on some tiles. Dropping it gives them back.
 pub struct Lent<'a> {
-    /// Of the codec.
+    /// Working memory of the codec.
     pub scratch: Scratch,
-    /// Chunks in the making: with more room than they take in the end.
+    /// Chunks while they are encoded: they have more room than the finished chunks take.
     pub chunks: TileChunks,
-    /// Where they are from.
+    /// The owner, which gets them back.
     pub owner: &'a Buffers,
 }
 
 impl Buffers {
-    /// Some that have been used before, if there are any.
+    /// Lends buffers, if possible some that have been used before.
     pub fn lend(&self) -> Lent<'_> {
         let (scratch, chunks) = lock(&self.threads).pop().unwrap_or_default();
         Lent { scratch, chunks, owner: self }
@@ -46,7 +47,7 @@ impl Drop for Lent<'_> {
     }
 }
 
-/// Things of one kind by their size, to be written anew.
+/// Planes of one kind that are not in use, by their size.
 #[derive(Default)]
 pub struct Spares<T>(Mutex<BTreeMap<usize, Shelf<T>>>);
 
@@ -57,7 +58,7 @@ struct Shelf<T> {
 }
 
 impl<T: Default> Spares<T> {
-    /// One of this size, whatever is in it; an empty one if there is no other.
+    /// Takes one of this size, with any content, or an empty one if there is none.
     pub fn take(&self, size: usize) -> T {
         let mut shelves = lock(&self.0);
         let shelf = shelves.entry(size).or_default();
@@ -65,8 +66,8 @@ impl<T: Default> Spares<T> {
         shelf.spare.pop().unwrap_or_default()
     }
 
-    /// Takes one back. What was made elsewhere may come too, and is kept if fewer have come back than were taken: there are never more
-    /// than were in use at a time.
+    /// Takes one back. One that was made elsewhere may come too. It is kept only while fewer have
+    /// come back than were taken, so that there are never more than were in use at a time.
     pub fn give(&self, size: usize, thing: T) {
         let mut shelves = lock(&self.0);
         let shelf = shelves.entry(size).or_default();

@@ -11,7 +11,7 @@ use super::options::BuildOptions;
 use super::plan::plan;
 use super::report::Report;
 use super::threads::threads;
-use super::{outcome, run, strips};
+use super::{column_passes, outcome, run};
 use crate::error::{Error, Result};
 use crate::output;
 use crate::progress::Observer;
@@ -20,8 +20,8 @@ use crate::source::Source;
 
 /// Builds `output` from a source.
 ///
-/// On any error nothing of the output's name is written. If the build has come as far as its first checkpoint, its work folder stays,
-/// and [`BuildOptions::resume`] goes on from there; else that is gone too.
+/// On any error the output is not written. If the build has reached its first checkpoint, its work
+/// folder stays, and [`BuildOptions::resume`] goes on from there; otherwise the folder is removed.
 pub fn build(
     source: &dyn Source,
     output: &Path,
@@ -31,7 +31,8 @@ pub fn build(
     build_with(source, None, output, options, observer)
 }
 
-/// [`build`] with an imagery layer, which is made when the heights are done. A build that is resumed makes it anew.
+/// [`build`] with an imagery layer, which is made when the heights are done. A resumed build makes
+/// the layer anew.
 pub fn build_with(
     source: &dyn Source,
     imagery: Option<&Imagery<'_>>,
@@ -50,14 +51,14 @@ pub fn build_with(
         }
         check_output(output, source, imagery)?;
         let window = plan.pyramid.tiles(plan.pyramid.levels);
-        let passes = strips::windows(&plan, options.memory)?;
+        let passes = column_passes::windows(&plan, options.memory)?;
         let mut job = Job { source, plan, options, progress: observer };
         let begun = Begun::new(&mut job, output, window, None)?;
         if !begun.is_new() {
-            strips::check_limit(&job.plan, &begun.state.strips, options.memory)?;
+            column_passes::check_limit(&job.plan, &begun.state.passes, options.memory)?;
         }
-        if begun.is_new() && passes.len() > 1 || !begun.state.strips.is_empty() {
-            return strips::build(&job, imagery, begun, passes, start);
+        if begun.is_new() && passes.len() > 1 || !begun.state.passes.is_empty() {
+            return column_passes::build(&job, imagery, begun, passes, start);
         }
         let done = run::run(&job, begun)?;
         let Job { plan, .. } = &job;
@@ -65,7 +66,8 @@ pub fn build_with(
     })
 }
 
-/// Builds the tiles of a window of leaf tiles, as far as they can be without the others: a piece, which is a folder, for [`merge()`].
+/// Builds a piece: the tiles that can be finished with a window of leaf tiles alone. A piece is a
+/// folder, for [`merge()`].
 ///
 /// # Errors
 /// As [`build`], and if the window is not in the lattice.
@@ -90,7 +92,8 @@ pub fn build_window(
     })
 }
 
-/// Joins finished windows that cover the raster into one file: the same bytes as those of one build.
+/// Joins finished windows that cover the raster into one file: the same bytes as those of one
+/// build.
 pub fn merge(
     pieces: &[PathBuf],
     output: &Path,
@@ -104,7 +107,8 @@ pub fn merge(
 /// [`merge()`] within `memory` bytes.
 ///
 /// # Errors
-/// As there, and [`Error::Usage`] before anything is written if that is not enough.
+/// Those of [`merge()`], and [`Error::Usage`] before anything is written if that is not enough
+/// memory.
 pub fn merge_within(
     memory: Option<u64>,
     pieces: &[PathBuf],

@@ -1,4 +1,5 @@
-//! Numbers as bytes and back, for what a build keeps in its work folder. Every length is checked before it is used.
+//! Numbers as bytes and back, for what a build keeps in its work folder. Every length is checked
+//! before it is used.
 
 use crate::codec::frame;
 use crate::error::{Error, Result};
@@ -18,7 +19,8 @@ impl Writer {
         self.bytes(&(number as u32).to_le_bytes());
     }
 
-    /// Numbers that differ little from one to the next: their differences, byte plane by byte plane, pack well.
+    /// Numbers that differ little from one to the next: their differences, byte plane by byte
+    /// plane, pack well.
     pub fn integers(&mut self, numbers: &[i32]) {
         let before = std::iter::once(&0).chain(numbers);
         let zigzag: Vec<u32> = numbers
@@ -45,7 +47,7 @@ impl Writer {
 /// The content of a frame that belongs to a tile of `n` intervals.
 pub fn unpacked(packed: &[u8], n: usize) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    // A quarter with 64-bit samples, blocks and errors of patches as small as 4 is below this.
+    // A summary with 64-bit samples, blocks and errors of patches as small as 4 is below this.
     frame::decompress(
         packed,
         0..=(n + 2) * (n + 2) * 64 + 4096,

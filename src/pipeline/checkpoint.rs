@@ -1,7 +1,8 @@
-//! Checkpoints: from time to time a build writes its state, so that it can be resumed.
+//! [`Checkpoints`]: from time to time a build writes its state, so that it can be resumed.
 //!
-//! What the state counts on is synced first, then the state takes the place of the one before, by a rename; both by a thread of their
-//! own, while the build goes on. A build that ends before its first checkpoint leaves nothing.
+//! The files that the state counts on are synced first. Then the state replaces the one before, by
+//! a rename. A thread of its own does both, while the build goes on. A build that ends before its
+//! first checkpoint leaves nothing.
 
 use std::fs::File;
 use std::thread::JoinHandle;
@@ -27,7 +28,7 @@ impl Checkpoints {
         Self { every, due: Instant::now() + every, running: None, written }
     }
 
-    /// True if it is time, and the last one is through.
+    /// True if it is time for the next one, and the last one is written.
     pub fn is_due(&mut self) -> Result<bool> {
         if self.running.as_ref().is_some_and(JoinHandle::is_finished) {
             self.wait()?;
@@ -35,8 +36,9 @@ impl Checkpoints {
         Ok(self.running.is_none() && Instant::now() >= self.due)
     }
 
-    /// Syncs `files`, then puts `state` in its place, on a thread. `begun` is when the state began to be put together; the last
-    /// checkpoint is through (see [`Checkpoints::is_due`] and [`Checkpoints::wait`]).
+    /// Syncs `files`, then publishes `state`, on a thread. `begun` is when the state began to be
+    /// collected. The last checkpoint must be written ([`Checkpoints::is_due`],
+    /// [`Checkpoints::wait`]).
     pub fn publish(&mut self, files: Vec<File>, state: NewState, begun: Instant) {
         self.running = Some(std::thread::spawn(move || sync_and_publish(&files, state)));
         self.due = Instant::now() + self.every.max(begun.elapsed() * SHARE);
@@ -60,7 +62,7 @@ impl Checkpoints {
 
 impl Drop for Checkpoints {
     fn drop(&mut self) {
-        // Whoever drops it without waiting has an error of their own to report.
+        // It is dropped without waiting only where another error is reported.
         let _ = self.wait();
     }
 }

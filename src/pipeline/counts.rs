@@ -1,23 +1,25 @@
-//! How many patches have an error of each code. Codes are counted a dozen times for every patch of a build, so each has a place of its
-//! own, in pages of those that are near each other.
+//! [`Counts`]: how many patches have an error of each code.
+//!
+//! Codes are counted a dozen times for every patch of a build. So each code has a counter of its
+//! own, in pages of codes that are near each other.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// Codes of a page: as many as a bin of the histogram has.
+/// Codes of a page, as many as a bin of the histogram has.
 const PAGE: usize = 64;
 
 /// Counts by code.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(into = "BTreeMap<u16, u64>", from = "BTreeMap<u16, u64>")]
 pub struct Counts {
-    /// The last of them is there, and none is all 0.
+    /// Pages without a count are `None`; the last one has a count.
     pages: Vec<Option<Box<[u64; PAGE]>>>,
 }
 
 impl Counts {
-    /// Counts `count` more of a code.
+    /// Adds `count` to a code.
     pub fn add(&mut self, code: u16, count: u64) {
         if count == 0 {
             return;
@@ -29,7 +31,7 @@ impl Counts {
         self.pages[page].get_or_insert_with(|| Box::new([0; PAGE]))[place] += count;
     }
 
-    /// Codes that there are, in order, and how many of each.
+    /// The codes that were counted, in order, each with its count.
     pub fn iter(&self) -> impl Iterator<Item = (u16, u64)> + '_ {
         let pages =
             (0..).step_by(PAGE).zip(&self.pages).filter_map(|(first, page)| Some((first, page.as_ref()?)));

@@ -1,4 +1,5 @@
-//! How long a build will take and how large its file will be, from some tiles that are read, measured and encoded, and thrown away.
+//! [`estimate`]: how long a build will take and how large its file will be, from some tiles that
+//! are built and thrown away.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -7,25 +8,26 @@ use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::pipeline::buffers::Buffers;
+use crate::pipeline::child_summary::ChildSummary;
 use crate::pipeline::options::BuildOptions;
 use crate::pipeline::plan::{Plan, recipe};
-use crate::pipeline::quarter::Quarter;
 use crate::pipeline::threads::threads;
-use crate::pipeline::work::{Finished, Work};
+use crate::pipeline::tile_work::{Finished, TileWork};
 use crate::source::{Source, Window};
 use crate::tile::code::max_magnitude;
 use crate::tile::{TileId, fill, split};
 
-/// Tiles of the level above the leaves that are made, if there are so many: each of four leaves.
+/// Tiles of the level above the leaves that are made, at most, each of four leaves.
 const BLOCKS: u64 = 16;
 /// Samples that are read at most, about, and columns of a band.
 const SAMPLES: u64 = 24 << 20;
 const COLUMNS: u32 = 1 << 16;
-/// Bytes of the index for each tile, of statistics and metadata for each level, and of what every file has.
+/// Bytes of the index for each tile, of statistics and metadata for each level, and of what every
+/// file has.
 const ROW: u64 = 24;
 const LEVEL: u64 = 1000;
 const FIXED: u64 = 1100;
-/// What the rest takes: waiting at the ends of rows, putting the file together.
+/// Factor for the rest of the time: waiting at the ends of rows, putting the file together.
 const REST: f64 = 1.15;
 /// Bytes a second that are written, and read and written once more.
 const DISK: f64 = 400e6;
@@ -37,11 +39,11 @@ pub struct Estimate {
     pub bytes: u64,
     /// Seconds until it is there, without imagery.
     pub seconds: f64,
-    /// Leaf tiles that this was learned from.
+    /// Leaf tiles that were built for it.
     pub tiles: u64,
 }
 
-/// What some tiles took.
+/// Time and bytes of the tiles that were built.
 #[derive(Default)]
 struct Sample {
     leaves: u64,
@@ -66,7 +68,8 @@ pub fn estimate(source: &dyn Source, options: &BuildOptions, plan: &Plan) -> Res
     })
 }
 
-/// Rows of tiles of the level above the leaves, and the columns in it that are made: spread evenly over the tiles that there are.
+/// Rows of tiles of the level above the leaves, and the columns of each that are made: spread
+/// evenly over the tiles that exist.
 fn blocks(plan: &Plan) -> Vec<(u32, Vec<u32>)> {
     let leaf_rows = plan.pyramid.leaves().rows.end;
     let band = u64::from(plan.pyramid.width.min(COLUMNS)) * 2 * plan.pyramid.tile as u64;
@@ -79,7 +82,7 @@ fn blocks(plan: &Plan) -> Vec<(u32, Vec<u32>)> {
     let all: u64 = rows.iter().map(|(_, tiles)| tiles).sum();
     let mut chosen: Vec<u32> = Vec::new();
     for i in 0..most {
-        // The row in which so many tiles have gone by.
+        // The row that holds this tile, counted from the north.
         let wanted = all * (2 * i + 1) / (2 * most);
         let mut before = 0;
         let found = rows.iter().find(|(_, tiles)| {
@@ -93,15 +96,16 @@ fn blocks(plan: &Plan) -> Vec<(u32, Vec<u32>)> {
     chosen.into_iter().map(|row| (row, columns(plan, row, each))).collect()
 }
 
-/// At most `most` columns of a row of tiles above the leaves, evenly among those that there are, in the reach of one band.
+/// At most `most` columns of a row of tiles above the leaves, spread evenly over those that exist
+/// and that one band holds.
 fn columns(plan: &Plan, row: u32, most: usize) -> Vec<u32> {
     let runs = (2 * row..2 * row + 2).flat_map(|y| plan.occupied.runs(y, &(0..u32::MAX)));
     let mut all: Vec<u32> = runs.flat_map(|run| run.start / 2..run.end.div_ceil(2)).collect();
     all.sort_unstable();
     all.dedup();
     let middle = all.get(all.len() / 2).copied().unwrap_or(0);
-    let reach = COLUMNS / (4 * plan.pyramid.tile as u32);
-    all.retain(|x| x.abs_diff(middle) < reach.max(1));
+    let within = COLUMNS / (4 * plan.pyramid.tile as u32);
+    all.retain(|x| x.abs_diff(middle) < within.max(1));
     let count = all.len().min(most);
     (0..count).filter_map(|i| all.get((2 * i + 1) * all.len() / (2 * count)).copied()).collect()
 }
@@ -118,7 +122,8 @@ impl Sample {
     ) -> Result<()> {
         let leaf_rows = plan.pyramid.leaves().rows.end;
         let (first, last) = (columns.first().copied().unwrap_or(0), columns.last().copied().unwrap_or(0));
-        // A narrow raster is read as the build reads it; of a wide one, what lies between the tiles.
+        // A narrow raster is read as the build reads it; of a wide one, what lies between the
+        // tiles.
         let within = if plan.pyramid.width <= COLUMNS { 0..u32::MAX } else { 2 * first..2 * last + 2 };
         let mut leaves = Vec::new();
         for y in (2 * row..2 * row + 2).filter(|&y| y < leaf_rows) {
@@ -144,7 +149,7 @@ impl Sample {
         Ok(())
     }
 
-    /// Makes the leaf tiles of a run that lie below `columns`; gives what they leave.
+    /// Makes the leaf tiles of a run that lie below `columns`. Returns their summaries.
     fn make(
         &mut self,
         plan: &Plan,
@@ -153,10 +158,10 @@ impl Sample {
         y: u32,
         run: &Range<u32>,
         columns: &[u32],
-    ) -> Result<Vec<(TileId, Quarter)>> {
+    ) -> Result<Vec<(TileId, ChildSummary)>> {
         let wanted: Vec<u32> = run.clone().filter(|x| columns.contains(&(x / 2))).collect();
         self.leaves += wanted.len() as u64;
-        let made: Vec<Option<(TileId, Finished, Quarter)>> = wanted
+        let made: Vec<Option<(TileId, Finished, ChildSummary)>> = wanted
             .into_par_iter()
             .map(|x| {
                 let mut lattice = buffers.lattices.take(plan.pyramid.tile);
@@ -166,15 +171,15 @@ impl Sample {
                 }
                 fill::inside(&mut lattice);
                 let id = TileId::new(plan.pyramid.levels, x, y);
-                let (finished, quarter) = Work::leaf(lattice).finish(id, plan, &mut buffers.lend())?;
-                Ok(Some((id, finished, quarter)))
+                let (finished, summary) = TileWork::leaf(lattice).finish(id, plan, &mut buffers.lend())?;
+                Ok(Some((id, finished, summary)))
             })
             .collect::<Result<_>>()?;
         let made = made.into_iter().flatten();
         Ok(made
-            .map(|(id, finished, quarter)| {
+            .map(|(id, finished, summary)| {
                 self.leaf_bytes += bytes(&finished);
-                (id, quarter)
+                (id, summary)
             })
             .collect())
     }
@@ -186,7 +191,7 @@ impl Sample {
         buffers: &Buffers,
         row: u32,
         columns: &[u32],
-        mut leaves: Vec<(TileId, Quarter)>,
+        mut leaves: Vec<(TileId, ChildSummary)>,
     ) -> Result<()> {
         if plan.pyramid.levels == 0 {
             return Ok(());
@@ -194,11 +199,11 @@ impl Sample {
         let mut works = Vec::with_capacity(columns.len());
         for &x in columns {
             let id = TileId::new(plan.pyramid.levels - 1, x, row);
-            let quarters = [0, 1, 2, 3].map(|quadrant| {
+            let summaries = [0, 1, 2, 3].map(|quadrant| {
                 let at = leaves.iter().position(|(leaf, _)| *leaf == id.child(quadrant))?;
                 Some(leaves.swap_remove(at).1)
             });
-            works.extend(Work::parent(quarters, plan, buffers).map(|work| (id, work)));
+            works.extend(TileWork::parent(summaries, plan, buffers).map(|work| (id, work)));
         }
         let made: Vec<Finished> = works
             .into_par_iter()
@@ -209,7 +214,7 @@ impl Sample {
         Ok(())
     }
 
-    /// What all tiles will take if they are like these.
+    /// The estimate of the whole build, if all tiles are like these.
     fn of_all(&self, plan: &Plan, options: &BuildOptions) -> Estimate {
         let tiles = plan.most_tiles();
         let (&leaves, above) = tiles.split_last().unwrap_or((&0, &[]));

@@ -1,4 +1,5 @@
-//! The imagery layer: pictures become tiles (`crate::imagery`), tiles chunks (`codec::picture`), chunks the sections of a container.
+//! The imagery layer: pictures become tiles (`crate::imagery`), tiles chunks (`codec::picture`),
+//! chunks the sections of a container.
 
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -24,7 +25,8 @@ use crate::work_folder::{Earlier, WorkFolder};
 use crate::writer::amend;
 use crate::writer::{ImagerySections, ImageryWriter};
 
-/// Bytes of metadata that the list of pictures may take: it shares the first 64 KiB of a file with much else.
+/// Bytes of metadata that the list of pictures may take: it shares the first 64 KiB of a file with
+/// much else.
 const NOTE_BYTES: usize = 8 << 10;
 
 /// How a layer is stored.
@@ -46,7 +48,8 @@ impl Default for LayerOptions {
     }
 }
 
-/// A layer that waits for its container: for [`crate::writer::ContainerWriter::attach`], and `note` for its metadata.
+/// A finished layer that is not in a file yet: `sections` are for
+/// [`crate::writer::ContainerWriter::attach`], `note` is for the metadata.
 #[derive(Debug)]
 pub struct Layer {
     /// The sections, with their files in the folder that was given.
@@ -67,13 +70,14 @@ pub struct Imagery<'a> {
 }
 
 impl Imagery<'_> {
-    /// Finds out whether the pictures can be laid over the heights.
+    /// Fails if the pictures cannot be laid over the heights.
     pub fn check(&self, ground: &Ground<'_>) -> Result<()> {
         imagery::place(self.pictures, ground.geo, &ground.grid(self.options.tile), self.options.resolution)
             .map(|_| ())
     }
 
-    /// Bytes of memory that making the layer takes on so many threads at most, from what is enough to what the pictures make use of.
+    /// Bytes of memory that making the layer takes on so many threads, from the least that is
+    /// enough to the most that it can use.
     pub fn memory(&self, ground: &Ground<'_>, threads: usize) -> Result<RangeInclusive<u64>> {
         let grid = ground.grid(self.options.tile);
         let Memory { reading, kept, .. } =
@@ -82,7 +86,8 @@ impl Imagery<'_> {
         Ok(least..=least.saturating_add(kept))
     }
 
-    /// Lets the pictures keep what `limit` bytes leave them, but no more than without one.
+    /// Lets the pictures keep the memory that `limit` leaves them, but no more than without a
+    /// limit.
     ///
     /// # Errors
     /// [`Error::Usage`] if that is not enough.
@@ -102,7 +107,7 @@ impl Imagery<'_> {
     }
 }
 
-/// What a layer has become.
+/// Sizes of a finished layer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LayerReport {
     /// What the layer says about itself.
@@ -116,7 +121,7 @@ pub struct LayerReport {
 }
 
 impl Layer {
-    /// What it has become.
+    /// Its sizes.
     pub fn report(&self) -> LayerReport {
         LayerReport {
             header: self.sections.header.clone(),
@@ -155,7 +160,8 @@ impl TileSink for Sink<'_> {
     }
 }
 
-/// Alpha with what is at least half opaque wholly so, and the rest transparent; `None` if all is opaque.
+/// Alpha with what is at least half opaque wholly so, and the rest transparent; `None` if all is
+/// opaque.
 fn cut_out(mut alpha: Vec<u8>) -> Option<Vec<u8>> {
     for alpha in &mut alpha {
         *alpha = if *alpha >= 128 { 255 } else { 0 };
@@ -163,7 +169,8 @@ fn cut_out(mut alpha: Vec<u8>) -> Option<Vec<u8>> {
     alpha.contains(&0).then_some(alpha)
 }
 
-/// Makes a layer over heights. Its files go to `folder`, which must be there. Runs on the current thread pool.
+/// Makes a layer over heights. Its files go to `folder`, which must be there. Runs on the current
+/// thread pool.
 pub fn layer(
     Imagery { pictures, options }: &Imagery<'_>,
     ground: &Ground<'_>,
@@ -182,7 +189,8 @@ pub fn layer(
         tiles: 0,
     };
     let writer = ImageryWriter::create(folder, header)?;
-    // Where pixels are transparent or not, degrees come from resampling only: not worth their bytes beside a lossy colour.
+    // Where pixels are transparent or not, degrees come from resampling only: not worth their bytes
+    // beside a lossy colour.
     let lossy = matches!(options.codec, Codec::Jpeg | Codec::Bc1);
     let cut_out = lossy && !pictures.iter().any(|picture| picture.info().has_alpha);
     let grid = ground.grid(options.tile);
@@ -237,10 +245,12 @@ fn source_note(placed: &PlacedPicture) -> PictureSourceNote {
 /// Opens pictures that lie in a coordinate system.
 pub type Open<'a> = &'a (dyn Fn(&Crs) -> Result<Vec<Box<dyn Picture>>> + Sync);
 
-/// Puts an imagery layer of some pictures, the last on top, into a file that is there, or another in its place. The heights are copied, not
-/// decoded. Until all is done the old file stays; on any error it is left as it was.
+/// Puts an imagery layer of some pictures, the last on top, into a file that is there, or another
+/// in its place. The heights are copied, not decoded. Until all is done the old file stays; on any
+/// error it is left as it was.
 ///
-/// `jobs` is the number of threads (`None`: one for each core), `memory` the bytes that are to be enough (`None`: no limit).
+/// `jobs` is the number of threads (`None`: one for each core), `memory` the bytes that are to be
+/// enough (`None`: no limit).
 pub fn add(
     file: &Path,
     open: Open<'_>,

@@ -1,23 +1,23 @@
-//! Joins finished pieces to one file: checks that they belong together, takes over their tiles, and finishes those
-//! that no piece could finish.
+//! Joins finished pieces to one file: checks that they belong together, takes over their tiles, and
+//! finishes those that no piece could finish.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::assemble::Assembly;
 use super::buffers::Buffers;
+use super::carry::{Carried, CarryFile};
 use super::imagery::Imagery;
 use super::memory::check_merge;
 use super::options::BuildOptions;
 use super::plan::{Plan, plan, recipe};
-use super::reach::Reach;
 use super::report::Report;
 use super::run::Done;
-use super::seam::{SeamFile, Seams};
 use super::state::State;
+use super::statistics::StatisticsBuilder;
 use super::sweep::{Output, Sweep};
-use super::tally::Tally;
 use super::threads::workers;
+use super::window_levels::WindowLevels;
 use crate::error::{Error, Result};
 use crate::output;
 use crate::progress::{Observer, Stage};
@@ -46,7 +46,7 @@ pub fn merge(
     join(pieces, work, None, false, observer, start)
 }
 
-/// Pieces and the files in them.
+/// The pieces, and the files in them.
 fn files(pieces: &[PathBuf]) -> Vec<PathBuf> {
     let entries = |piece: &PathBuf| {
         let entries = std::fs::read_dir(piece).into_iter().flatten().flatten();
@@ -55,7 +55,7 @@ fn files(pieces: &[PathBuf]) -> Vec<PathBuf> {
     pieces.iter().flat_map(entries).collect()
 }
 
-/// Joins pieces in a work folder, which is taken when the pieces have been found good.
+/// Joins pieces. `work` takes the work folder when the pieces have been checked.
 pub fn join(
     pieces: &[PathBuf],
     work: impl FnOnce(&Plan, &[Rect]) -> Result<WorkFolder>,
@@ -64,14 +64,14 @@ pub fn join(
     observer: &dyn Observer,
     start: Instant,
 ) -> Result<Report> {
-    let mut seams = Seams::default();
+    let mut carried = Carried::default();
     let mut states = Vec::with_capacity(pieces.len());
     for piece in pieces {
         if piece.is_file() {
             let hint = "pieces are the folders that a build of a window makes";
             return Err(Error::unsupported("a file, not a piece", hint).at(piece));
         }
-        let state = State::read(piece, &mut seams)?;
+        let state = State::read(piece, &mut carried)?;
         if state.next != state.window.rows.end {
             let got = format!("one that is done up to tile row {} of {}", state.next, state.window);
             return Err(Error::format("state", "a finished window", got).at(piece));
@@ -87,31 +87,31 @@ pub fn join(
     check_cover(&plan, pieces, &states)?;
     let windows: Vec<Rect> = states.iter().map(|state| state.window.clone()).collect();
     let mut writer = ContainerWriter::begin(work(&plan, &windows)?)?;
-    let mut tally = Tally::new(&plan);
+    let mut statistics = StatisticsBuilder::new(&plan);
     for (piece, state) in pieces.iter().zip(&states) {
         writer.adopt(piece, &state.mark)?;
-        if !tally.join(&state.tally) {
+        if !statistics.join(&state.statistics) {
             return Err(Error::format("state", "counts of all levels", "others").at(piece));
         }
     }
-    let done = pass_all(&plan, writer, tally, seams, observer)?;
+    let done = pass_all(&plan, writer, statistics, carried, observer)?;
     let (info, options) = (&first.info, &BuildOptions { strict, ..first.options.clone() });
     Assembly { info, plan: &plan, options, imagery, progress: observer, start }.finish(done)
 }
 
-/// Sends what pieces have left through the levels.
+/// Finishes the tiles that no piece could finish, from what the pieces have carried.
 fn pass_all(
     plan: &Plan,
     writer: ContainerWriter,
-    tally: Tally,
-    seams: Seams,
+    statistics: StatisticsBuilder,
+    carried: Carried,
     observer: &dyn Observer,
 ) -> Result<Done> {
-    let seam = SeamFile::create(writer.store().folder().folder().join("seam-0"))?;
+    let carry = CarryFile::create(writer.store().folder().folder().join("seam-0"))?;
     let all = plan.pyramid.leaves();
     let buffers = Buffers::default();
-    let output = Output { writer, tally, seam };
-    let mut sweep = Sweep::new(plan, &buffers, Reach::new(&plan.pyramid, &all), output, seams);
+    let output = Output { writer, statistics, carry };
+    let mut sweep = Sweep::new(plan, &buffers, WindowLevels::new(&plan.pyramid, &all), output, carried);
     for y in all.rows.clone() {
         if observer.cancelled() {
             return Err(Error::Interrupted);
@@ -120,8 +120,8 @@ fn pass_all(
         observer.rows(Stage::Merge, u64::from(y + 1), u64::from(all.rows.end));
     }
     sweep.finish()?;
-    let Output { writer, tally, .. } = sweep.into_output();
-    Ok(Done::new(writer, tally))
+    let Output { writer, statistics, .. } = sweep.into_output();
+    Ok(Done::new(writer, statistics))
 }
 
 /// Fails unless all pieces are of one raster, built with the same options.

@@ -1,4 +1,5 @@
-//! The metadata of a file: what its raster says of itself, how it was built, and a line for each level.
+//! The metadata of a file: what its raster says of itself, how it was built, and a line for each
+//! level.
 
 use serde_json::{Value, json};
 
@@ -11,9 +12,11 @@ use crate::source::{Nodata, Overlap, Part, SourceInfo};
 /// Bytes of metadata that the list of sources may take.
 const SOURCES_BYTES: usize = 20 << 10;
 
-/// Fails if what the raster says of itself takes more than the first bytes of a file, which must hold all of it.
+/// Fails if what the raster says of itself takes more than the first bytes of a file, which must
+/// hold all of it.
 ///
-/// It is asked before the build. The statistics are not known then, so that this is the least that there will be.
+/// It is asked before the build. The statistics are not known then, so that this is the least that
+/// there will be.
 pub fn check(info: &SourceInfo, options: &BuildOptions, nodata: Nodata) -> Result<()> {
     let least = metadata(info, options, nodata, &Statistics::default()).encode()?.len() as u64;
     if least > OPENING_BYTES {

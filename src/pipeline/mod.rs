@@ -1,10 +1,21 @@
-//! `build`: a raster becomes a container, in stages that stream from north to south.
+//! A raster becomes a file, in stages that stream from north to south.
 //!
-//! open, plan, (scan), then for every band of T + 1 rows: read, code, split into leaf tiles; and for every row of tiles, as soon as the
-//! row below it is there: fill voids, measure errors, encode, append, halve. Two finished rows make one row of the level above. Memory
-//! grows with the width of the raster. The order of all that is written is fixed: any number of threads gives the same bytes, and so
-//! does any number of pieces: a build works on a window of the lattice, by default all of it, and what it cannot finish at its sides
-//! it leaves for a merge. To be resumed is to be merged with what was finished before.
+//! 1. [`plan()`] says what the file will be: the pyramid of levels, the memory and the options.
+//! 2. `run` reads the window of the build in bands of T + 1 rows; `bands` cuts a band into a row of
+//!    leaf tiles.
+//! 3. `sweep` takes the rows. As soon as the row below is known, it fills voids, measures errors,
+//!    encodes, appends to the writer and halves. Two finished rows make one row of the level above,
+//!    up to the root.
+//! 4. `assemble` makes imagery, metadata and statistics, and lets the writer put the file together.
+//!
+//! A build works on a window of leaf tiles, by default all of them. What it cannot finish at the
+//! sides of the window it leaves for a merge (`window_levels`, `carry`). Three things are merges:
+//! [`merge()`] joins pieces that were built apart; a resumed build takes what was finished before
+//! as a piece (`state`, `checkpoint`); a build within a limit of memory joins strips of columns
+//! ([`column_passes`]).
+//!
+//! Memory grows with the width of the window. Everything is written in a fixed order: any number of
+//! threads, and any number of pieces, gives the same bytes.
 
 mod assemble;
 mod bands;
@@ -12,7 +23,10 @@ mod begun;
 mod buffers;
 mod build;
 mod bytes;
+mod carry;
 mod checkpoint;
+mod child_summary;
+pub mod column_passes;
 mod counts;
 pub mod estimate;
 pub mod imagery;
@@ -26,18 +40,15 @@ mod options;
 mod outcome;
 mod plan;
 mod pyramid;
-mod quarter;
-mod reach;
 mod report;
 mod run;
-mod seam;
 mod state;
-pub mod strips;
+mod statistics;
 mod sweep;
-mod tally;
 mod threads;
+mod tile_work;
 mod value_range;
-mod work;
+mod window_levels;
 
 pub use build::{build, build_window, build_with, merge, merge_within};
 pub use options::{BuildOptions, CHECKPOINT};

@@ -1,7 +1,8 @@
-//! Which leaf tiles can hold samples: what a build reads, and what it takes.
+//! [`Occupied`]: which leaf tiles can hold samples.
 //!
-//! A mosaic says where its files lie (`SourceInfo::footprint`); all else is void without being looked at. So the work follows the tiles
-//! that there are, and a strip of files along a pipeline costs what it holds, not what its bounding box would.
+//! A mosaic says where its files lie (`SourceInfo::footprint`); everything else is void and is not
+//! read. So time and memory follow the tiles that exist: a strip of files along a road costs what
+//! it holds, not what its bounding box would.
 
 use std::ops::Range;
 
@@ -17,7 +18,8 @@ pub struct Occupied {
 }
 
 impl Occupied {
-    /// The tiles of `all` that a footprint touches with their closed squares of `tile` intervals. No footprint: all.
+    /// The tiles of `all` that a footprint touches with their closed squares of `tile` intervals.
+    /// No footprint: all.
     pub fn new(footprint: Option<&[Rect]>, tile: u32, all: &Rect) -> Self {
         let along = |samples: &Range<u32>| {
             // The first sample may be the last of the tile before.
@@ -38,7 +40,7 @@ impl Occupied {
         Self { rects, tallest }
     }
 
-    /// Columns of the tiles of a row of leaf tiles, as far as they are in `columns`: ascending, apart from one another.
+    /// Runs of tiles in a row of leaf tiles, cut to `columns`: ascending, with gaps between them.
     pub fn runs(&self, y: u32, columns: &Range<u32>) -> Vec<Range<u32>> {
         let from = self.rects.partition_point(|rect| rect.rows.start + self.tallest <= y);
         let to = self.rects.partition_point(|rect| rect.rows.start <= y);
@@ -46,8 +48,9 @@ impl Occupied {
         union(here.map(|rect| &rect.columns), columns)
     }
 
-    /// Rows of tiles in groups with the same columns, `levels_up` levels above the leaves, within `columns` of leaf tiles: how many rows, how
-    /// many tiles each. Rows without tiles are left out.
+    /// Rows of tiles in groups with the same columns, `levels_up` levels above the leaves, within
+    /// `columns` of leaf tiles: how many rows, how many tiles each. Rows without tiles are left
+    /// out.
     fn groups(&self, levels_up: u8, columns: &Range<u32>) -> Vec<(u64, u64)> {
         let mut groups = Vec::new();
         self.each_group(levels_up, columns, |rows, runs| {
@@ -56,7 +59,7 @@ impl Occupied {
         groups
     }
 
-    /// Tells of each such group how many rows it has, and the runs of its tiles.
+    /// Calls `tell` for each such group, with its number of rows and the runs of its tiles.
     fn each_group(&self, levels_up: u8, columns: &Range<u32>, mut tell: impl FnMut(u64, &[Range<u32>])) {
         let up = |range: &Range<u32>| range.start >> levels_up..((range.end - 1) >> levels_up) + 1;
         let rects: Vec<Rect> = self
@@ -69,7 +72,8 @@ impl Occupied {
         let mut edges: Vec<u32> = rects.iter().flat_map(|rect| [rect.rows.start, rect.rows.end]).collect();
         edges.sort_unstable();
         edges.dedup();
-        // Rectangles stay sorted by their first row: those that may still be active are a window of them.
+        // Rectangles stay sorted by their first row: those that may still be active are a window of
+        // them.
         let mut from = 0;
         for pair in edges.windows(2) {
             let (y, rows) = (pair[0], u64::from(pair[1] - pair[0]));
@@ -106,7 +110,7 @@ impl Occupied {
     }
 }
 
-/// The union of ranges, cut to one: ascending, apart from one another.
+/// The union of ranges, cut to one range: ascending, with gaps between them.
 fn union<'a>(ranges: impl Iterator<Item = &'a Range<u32>>, within: &Range<u32>) -> Vec<Range<u32>> {
     let mut ranges: Vec<Range<u32>> = ranges
         .map(|range| range.start.max(within.start)..range.end.min(within.end))

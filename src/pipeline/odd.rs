@@ -1,4 +1,4 @@
-//! What looks wrong with the heights that a build has seen, from the lowest and the highest of them.
+//! Warnings about heights that look wrong, from the lowest and the highest value of a build.
 
 use crate::container::layout::Header;
 use crate::geo::CrsKind;
@@ -11,7 +11,7 @@ use crate::source::{SourceInfo, advice};
 const HIGHEST_M: f64 = 12_000.0;
 /// Semi-major axes of the ellipsoids of the Earth, metres.
 const EARTH: std::ops::RangeInclusive<f64> = 6_370_000.0..=6_385_000.0;
-/// What programs write where there is nothing.
+/// Values that programs write to mean void.
 const SENTINELS: [f64; 18] = [
     0.0,
     -99.0,
@@ -32,7 +32,7 @@ const SENTINELS: [f64; 18] = [
     2_147_483_647.0,
     4_294_967_295.0,
 ];
-/// From here on a number means nothing, whatever its digits: 1e20, 9.96921e36, -3.4e38.
+/// No height is as large: 1e20, 9.96921e36 and -3.4e38 mean void.
 const NO_HEIGHT: f64 = 1e20;
 
 /// True if a value looks like one that means void.
@@ -48,7 +48,8 @@ fn error(plan: &Plan) -> f64 {
     }
 }
 
-/// The range of the valid samples of a leaf but for its lowest and highest one where they look like void.
+/// The range of the valid samples of a leaf, without its lowest and highest value where these look
+/// like void.
 pub fn rest(lattice: &Lattice, range: ValueRange, plan: &Plan) -> ValueRange {
     let error = error(plan);
     let odd = |value: f64| (value == range.low || value == range.high) && is_sentinel(value, error);
@@ -61,7 +62,7 @@ pub fn rest(lattice: &Lattice, range: ValueRange, plan: &Plan) -> ValueRange {
     values.fold(ValueRange::EMPTY, |range, value| range.join(ValueRange { low: value, high: value }))
 }
 
-/// Says what is odd; `all` is the range of the valid samples, `rest` what [`rest`] leaves of it.
+/// The warnings. `all` is the range of the valid samples, `rest` the one that [`rest`] returns.
 pub fn warnings(
     all: ValueRange,
     rest: ValueRange,
@@ -111,7 +112,7 @@ fn name(info: &SourceInfo) -> String {
     }
 }
 
-/// A value as it is to be typed.
+/// A value as it is typed after `--nodata`.
 fn printed(value: f64, quantised: bool) -> String {
     if quantised || value.abs() < 1e15 { format!("{}", value.round()) } else { format!("{value:e}") }
 }

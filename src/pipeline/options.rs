@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 use crate::container::layout::Metric;
 use crate::error::{Error, Result};
 
-/// What a build is asked for. What does not change the file is not kept with the state of a build.
+/// What a build is asked for. Options that do not change the file are not kept with the state of a
+/// build.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BuildOptions {
     /// Intervals of a tile, a power of two in 16..=1024.
@@ -20,7 +21,7 @@ pub struct BuildOptions {
     pub precision_m: Option<f64>,
     /// Value that means void, instead of what the source says.
     pub nodata: Option<f64>,
-    /// True if what is warned of is an error: then nothing is built.
+    /// True if a warning is an error: then nothing is built.
     #[serde(skip)]
     pub strict: bool,
     /// Threads; `None`: one for each core.
@@ -35,7 +36,8 @@ pub struct BuildOptions {
     /// Time between two checkpoints. `None`: [`CHECKPOINT`].
     #[serde(skip)]
     pub checkpoint: Option<Duration>,
-    /// Bytes of memory that the build keeps within, by building strips of columns one after the other if it must. `None`: no limit.
+    /// Bytes of memory that the build keeps within, in several passes over strips of columns if it
+    /// must. `None`: no limit.
     #[serde(skip)]
     pub memory: Option<u64>,
 }

@@ -1,7 +1,8 @@
-//! What a build is made of and what comes of it, held against what a reader accepts: no file gets its name that could not be opened.
+//! Checks that a file can be read before it gets its name.
 //!
-//! What is wrong with an input is best said of the input, before the work ([`check_input`]) or as soon as its heights are known
-//! ([`check_heights`]). [`inspect`] is for what nobody has thought of: it reads the finished file as any reader would.
+//! What is wrong with an input is reported before the build ([`check_input`]), or as soon as the
+//! heights are known ([`check_heights`]). [`inspect`] finds everything else: it reads the finished
+//! file as any reader would.
 
 use std::path::Path;
 
@@ -10,7 +11,8 @@ use crate::container::reader::Reader;
 use crate::error::{Error, Result};
 use crate::source::SourceInfo;
 
-/// Fails, with the name of the quantity, if a number that a source states about itself cannot stand in a file.
+/// Fails if a number that a source states about itself cannot be stored in a file. The error names
+/// the quantity.
 pub fn check_input(info: &SourceInfo) -> Result<()> {
     let number = |what: &str, expected: &str, is: bool, got: f64| {
         if is { Ok(()) } else { Err(Error::format(what, expected, got)) }
@@ -73,7 +75,8 @@ pub fn check_warnings(warnings: &[String], strict: bool) -> Result<()> {
     }
 }
 
-/// Opens a finished file and reads all of it that is not a tile: header, metadata, every page of the index, statistics.
+/// Opens a finished file and reads all of it that is not a tile: header, metadata, every page of
+/// the index, statistics.
 pub fn inspect(path: &Path) -> Result<()> {
     let read = || {
         let reader = Reader::open(path)?;

@@ -76,7 +76,8 @@ pub fn plan(info: &SourceInfo, options: &BuildOptions) -> Result<Plan> {
     })
 }
 
-/// How samples become codes. `largest` is the largest height of the source, if the options ask for a precision.
+/// How samples become codes. `largest` is the largest height of the source, if the options ask for
+/// a precision.
 pub fn recipe(info: &SourceInfo, options: &BuildOptions, largest: f64) -> Result<Recipe> {
     let info = SourceInfo { nodata: options.nodata.or(info.nodata), ..info.clone() };
     match options.precision_m {

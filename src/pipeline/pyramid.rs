@@ -1,7 +1,7 @@
 //! [`Pyramid`]: the sizes of the levels, in samples and in tiles.
 //!
-//! Level 0 is the root, one tile; level `levels` holds the leaves, whose samples are those of the raster. A tile of a
-//! level spans two by two tiles of the next.
+//! Level 0 is the root, one tile; level `levels` holds the leaves, whose samples are those of the
+//! raster. A tile of a level spans two by two tiles of the next.
 
 use std::ops::Range;
 
@@ -74,8 +74,8 @@ impl Pyramid {
     }
 }
 
-/// Tiles along an axis of so many samples. A tile is closed: one more that starts exactly at the last sample exists
-/// too, inside the root square, which is `most` tiles wide.
+/// Tiles along an axis of so many samples. A tile is closed: one more that starts exactly at the
+/// last sample exists too, inside the root square, which is `most` tiles wide.
 fn tiles_along(samples: u32, span: u64, most: u32) -> u32 {
     ((u64::from(samples) - 1) / span + 1).min(most.into()) as u32
 }

@@ -21,7 +21,8 @@ pub struct Report {
     pub imagery: Option<LayerReport>,
     /// What the source warns of, then what the heights look like.
     pub warnings: Vec<String>,
-    /// Where place, coordinate system, nodata and the like were found, as in the container's metadata.
+    /// Where place, coordinate system, nodata and the like were found, as in the container's
+    /// metadata.
     pub origins: BTreeMap<String, String>,
     /// Wall time.
     pub elapsed: Duration,

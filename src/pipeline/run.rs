@@ -1,4 +1,5 @@
-//! Runs over a window: bands of the source become rows of leaf tiles, which go through the sweep, with checkpoints.
+//! Runs over a window: bands of the source become rows of leaf tiles, which go through the sweep,
+//! with checkpoints.
 //!
 //! While a row is worked on, the next band is read.
 
@@ -8,36 +9,36 @@ use std::time::Instant;
 use super::bands::Bands;
 use super::begun::Begun;
 use super::buffers::Buffers;
+use super::carry::CarryFile;
 use super::checkpoint::Checkpoints;
 use super::job::Job;
 use super::options::CHECKPOINT;
-use super::reach::Reach;
-use super::seam::SeamFile;
 use super::state::{State, difference};
+use super::statistics::StatisticsBuilder;
 use super::sweep::{Output, Sweep};
-use super::tally::Tally;
+use super::window_levels::WindowLevels;
 use crate::error::{Error, Result};
 use crate::progress::Stage;
 use crate::work_folder::NewState;
 use crate::writer::ContainerWriter;
 
-/// A window all of whose rows have been through the sweep.
+/// A window whose rows have all been through the sweep.
 pub struct Done {
     /// Has all tiles that could be finished.
     pub writer: ContainerWriter,
     /// What has been counted.
-    pub tally: Tally,
+    pub statistics: StatisticsBuilder,
     /// The state to be kept with a piece.
     state: Vec<u8>,
 }
 
 impl Done {
-    /// Nothing left to be merged.
-    pub fn new(writer: ContainerWriter, tally: Tally) -> Self {
-        Self { writer, tally, state: Vec::new() }
+    /// A whole raster: nothing is left for a merge.
+    pub fn new(writer: ContainerWriter, statistics: StatisticsBuilder) -> Self {
+        Self { writer, statistics, state: Vec::new() }
     }
 
-    /// Gives the work folder the output's name.
+    /// Makes the work folder a piece.
     pub fn into_piece(self) -> Result<()> {
         self.writer.finish_piece(&self.state)
     }
@@ -45,24 +46,25 @@ impl Done {
 
 /// Runs over the window of a build.
 pub fn run(job: &Job<'_>, begun: Begun) -> Result<Done> {
-    let Begun { work, mut state, seams, resumed } = begun;
+    let Begun { work, mut state, carried, resumed } = begun;
     let writer =
         if resumed { ContainerWriter::resume(work, &state.mark)? } else { ContainerWriter::begin(work)? };
-    // The old seam file belongs to the old state until there is a new one.
-    let generation: u64 = state.seam.0.rsplit('-').next().and_then(|n| n.parse().ok()).unwrap_or(0);
+    // The old carry file belongs to the old state until there is a new one.
+    let generation: u64 = state.carry.0.rsplit('-').next().and_then(|n| n.parse().ok()).unwrap_or(0);
     let name = format!("seam-{}", generation + u64::from(resumed));
-    let seam = SeamFile::create(writer.store().folder().path(&name))?;
-    state.seam = (name, 0);
-    let reach = Reach::new(&job.plan.pyramid, &state.window);
+    let carry = CarryFile::create(writer.store().folder().path(&name))?;
+    state.carry = (name, 0);
+    let window_levels = WindowLevels::new(&job.plan.pyramid, &state.window);
     let buffers = Buffers::default();
-    let output = Output { writer, tally: state.tally.clone(), seam };
-    let sweep = Sweep::new(&job.plan, &buffers, reach, output, seams);
+    let output = Output { writer, statistics: state.statistics.clone(), carry };
+    let sweep = Sweep::new(&job.plan, &buffers, window_levels, output, carried);
     let checkpoints = Checkpoints::new(job.options.checkpoint.unwrap_or(CHECKPOINT), resumed);
     let mut run = Run { job, buffers: &buffers, state, sweep, checkpoints };
     let result = run.rows();
     run.end(result)
 }
 
+/// A run in progress.
 struct Run<'a> {
     job: &'a Job<'a>,
     buffers: &'a Buffers,
@@ -72,7 +74,7 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Sends all rows of the window, and those around it, through the sweep.
+    /// Sends all rows of the window, and the rows next to it, through the sweep.
     fn rows(&mut self) -> Result<()> {
         for y in self.state.window.rows.start..self.state.next {
             self.sweep.pass(y)?;
@@ -105,7 +107,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Writes the state, of which the rows before `next` are finished.
+    /// Writes the state, in which the rows before `next` are finished.
     fn checkpoint(&mut self, next: u32) -> Result<()> {
         let begun = Instant::now();
         self.check_source()?;
@@ -115,17 +117,19 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Gives `put` the state as bytes; gives back the files to be synced before it counts.
+    /// Hands the state to `put` as bytes. Returns the files that must be synced before the state
+    /// counts.
     fn snapshot(&mut self, next: u32, put: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<Vec<File>> {
         self.sweep.settle()?;
         let mark = self.sweep.writer().store_mut().mark()?;
         let mut files = self.sweep.writer().store().files()?;
-        let (length, file) = self.sweep.seam().mark()?;
+        let (length, file) = self.sweep.carry_file().mark()?;
         files.push(file);
-        let seam = (self.state.seam.0.clone(), length);
-        let state = State { next, mark, seam, tally: self.sweep.tally().clone(), ..self.state.clone() };
+        let carry = (self.state.carry.0.clone(), length);
+        let state =
+            State { next, mark, carry, statistics: self.sweep.statistics().clone(), ..self.state.clone() };
         put(&state.encode()?)?;
-        self.sweep.standing(put)?;
+        self.sweep.carry_all(put)?;
         Ok(files)
     }
 
@@ -139,7 +143,8 @@ impl Run<'_> {
         Err(Error::usage(format!("the input has changed while it was read: {how}; begin anew with --force")))
     }
 
-    /// Ends the run, well or not: the folder is kept if there is a state to go on from.
+    /// Ends the run, whether it failed or not. The folder is kept if it holds a state to go on
+    /// from.
     fn end(mut self, result: Result<()>) -> Result<Done> {
         let result = result.and_then(|()| {
             self.checkpoints.wait()?;
@@ -149,7 +154,7 @@ impl Run<'_> {
                 Ok(())
             })?;
             if self.checkpoints.is_written() {
-                // Putting the file together may fail too.
+                // The build may still fail when the file is put together, and then be resumed.
                 let mut new = NewState::create(self.sweep.writer().store().folder().folder())?;
                 new.append(&state)?;
                 self.checkpoints.publish(files, new, Instant::now());
@@ -162,7 +167,7 @@ impl Run<'_> {
         }
         let state = result?;
         waited?;
-        let Output { writer, tally, .. } = self.sweep.into_output();
-        Ok(Done { writer, tally, state })
+        let Output { writer, statistics, .. } = self.sweep.into_output();
+        Ok(Done { writer, statistics, state })
     }
 }

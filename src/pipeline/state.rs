@@ -1,9 +1,12 @@
-//! The state of a build in its work folder: all that is needed to go on, or to merge a finished window.
+//! The state of a build in its work folder: all that is needed to go on, or to merge a finished
+//! window.
 //!
-//! The chunks, the list of tiles and the seam file lie beside it; the state says how far they count. It is a head of 20 bytes (magic,
-//! version, length and CRC of what follows; little endian), CBOR (RFC 8949), and the items that stood in the sweep (see `seam`).
+//! The chunks, the list of tiles and the carry file lie beside it; the state says how far they
+//! count. It is a head of 20 bytes (magic, version, length and CRC of what follows; little endian),
+//! CBOR (RFC 8949), and the items that stood in the sweep (see `carry`).
 //!
-//! JSON would not do: it has no NaN and no infinity, which a nodata value may be, and a state that loses one is of another build.
+//! JSON would not do: it has no NaN and no infinity, which a nodata value may be, and a state that
+//! loses one is of another build.
 
 use std::path::Path;
 
@@ -11,21 +14,21 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::file;
+use crate::pipeline::carry::Carried;
 use crate::pipeline::options::BuildOptions;
-use crate::pipeline::seam::Seams;
-use crate::pipeline::tally::Tally;
+use crate::pipeline::statistics::StatisticsBuilder;
 use crate::rect::Rect;
 use crate::source::{Fingerprint, SourceInfo};
 use crate::work_folder::{Mark, state_path};
 
 const MAGIC: &[u8; 8] = b"RLVSTATE";
-/// Goes up with every change to the state, the seam items, the list of tiles, or the chunks.
-const VERSION: u32 = 3;
+/// Goes up with every change to the state, the carried items, the list of tiles, or the chunks.
+const VERSION: u32 = 4;
 const HEAD: usize = 20;
 /// Bytes of a state, at most: rows of the widest raster stand in it.
 const MOST: u64 = 1 << 36;
 
-/// What a build is of and how far it is.
+/// What a build is of, and how far it is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// The program that wrote it.
@@ -38,18 +41,19 @@ pub struct State {
     pub options: BuildOptions,
     /// Which leaf tiles it is to make.
     pub window: Rect,
-    /// Strips of the window that are built one after the other, each in a folder of its own; empty if it is built in one go.
-    pub strips: Vec<Rect>,
+    /// Windows of the passes of a low-memory build, each in a folder of its own; empty if it is
+    /// built in one go.
+    pub passes: Vec<Rect>,
     /// Largest height, if the options ask for a precision.
     pub largest: f64,
     /// Rows of leaf tiles from the window's first up to this one are finished.
     pub next: u32,
     /// How far the files count.
     pub mark: Mark,
-    /// Name and length of the seam file.
-    pub seam: (String, u64),
+    /// Name and length of the carry file.
+    pub carry: (String, u64),
     /// What has been counted.
-    pub tally: Tally,
+    pub statistics: StatisticsBuilder,
 }
 
 impl State {
@@ -67,19 +71,19 @@ impl State {
         Ok(out)
     }
 
-    /// Reads the state of a folder, and finds what it and the seam file hold.
-    pub fn read(folder: &Path, seams: &mut Seams) -> Result<Self> {
+    /// Reads the state of a folder, and adds the items in it and in the carry file to `carried`.
+    pub fn read(folder: &Path, carried: &mut Carried) -> Result<Self> {
         let path = state_path(folder);
         let bytes = file::read(&path, MOST).map_err(|source| Error::io(&path, "read it", source))?;
         let (state, items) = Self::decode(&bytes).map_err(|error| error.at(&path))?;
-        seams.add(&path, items as u64, bytes.len() as u64)?;
-        if state.seam.1 > 0 {
-            seams.add(&folder.join(&state.seam.0), 0, state.seam.1)?;
+        carried.add(&path, items as u64, bytes.len() as u64)?;
+        if state.carry.1 > 0 {
+            carried.add(&folder.join(&state.carry.0), 0, state.carry.1)?;
         }
         Ok(state)
     }
 
-    /// The state, and where its items begin.
+    /// The state, and the offset of its items.
     fn decode(bytes: &[u8]) -> Result<(Self, usize)> {
         let head = bytes.first_chunk::<HEAD>().filter(|head| head.starts_with(MAGIC));
         let Some(head) = head else {
@@ -105,7 +109,8 @@ impl State {
         Ok((state, end))
     }
 
-    /// Fails, saying what differs, unless a build of this source and these options gives the same file.
+    /// Fails, saying what differs, unless a build of this source and these options gives the same
+    /// file.
     pub fn check_same(&self, now: &State, folder: &Path) -> Result<()> {
         let differs = if self.fingerprint != now.fingerprint {
             Some(format!("the input has changed since: {}", difference(&self.fingerprint, &now.fingerprint)))
@@ -131,7 +136,8 @@ impl State {
     }
 }
 
-/// A value as bytes from which it comes back bit for bit. They are equal where values are, a NaN to itself too.
+/// A value as bytes from which it comes back bit for bit. They are equal where values are, a NaN to
+/// itself too.
 fn exactly(value: &impl Serialize) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     ciborium::into_writer(value, &mut bytes)

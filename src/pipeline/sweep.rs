@@ -1,22 +1,43 @@
-//! The sweep: rows of tiles go through every level from north to south.
+//! [`Sweep`]: rows of tiles go through every level from north to south.
 //!
-//! A row is worked on when the row below it is known, since fills look at all eight neighbours. At each level a window of
-//! three rows is kept, and one row of quarters that waits for its partner. Tiles at the seams of the sweep's window, which it cannot
-//! finish, are left in the seam file; what other builds have left is put in its place as its row comes by. A row holds the tiles that
-//! there are and nothing for the others: work and memory follow the tiles, however large the raster is.
+//! ```text
+//!                 column 0    1    2    3
+//! level l, row    +----+----+----+----+
+//!   y - 1  north  | done: lattices only |      fills of row y look at all eight neighbours,
+//!                 +----+----+----+----+        so that row y waits for row y + 1
+//!   y    current  | fill, measure,     |  --> writer, statistics
+//!                 | encode, halve      |  --> a child summary for each tile
+//!                 +----+----+----+----+
+//!   y + 1  south  | has just come      |
+//!                 +----+----+----+----+
+//!
+//!   waiting       s0   s1   s2   s3            summaries of row y, if y is even;
+//!                 t0   t1   t2   t3            with those of row y + 1 they make
+//!                  \  /      \  /              one row of the level above:
+//! level l - 1     +---------+---------+
+//!   y / 2  south  | s0 s1   | s2 s3   |        pushed there as its next row, up to the root
+//!                 | t0 t1   | t2 t3   |
+//!                 +---------+---------+
+//! carried         at the sides of the window: summaries whose parent is not assembled or not
+//!                 finished here, and borders that other tiles look at (`window_levels`, `carry`)
+//! ```
+//!
+//! What other builds have carried is put in its place as its row comes by. A row holds the tiles
+//! that exist and nothing for the others: work and memory follow the number of tiles, however large
+//! the raster is.
 
 use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
 use super::buffers::Buffers;
+use super::carry::{Carried, CarryFile, Item, encode_each};
+use super::child_summary::ChildSummary;
 use super::plan::Plan;
 use super::pyramid::Pyramid;
-use super::quarter::Quarter;
-use super::reach::Reach;
-use super::seam::{Item, SeamFile, Seams, encode_each};
-use super::tally::Tally;
-use super::work::{Finished, Work};
+use super::statistics::StatisticsBuilder;
+use super::tile_work::{Finished, TileWork};
+use super::window_levels::WindowLevels;
 use crate::error::Result;
 use crate::sample::{Lattice, VOID};
 use crate::tile::TileId;
@@ -25,23 +46,23 @@ use crate::writer::ContainerWriter;
 
 /// A tile's place in a row.
 pub enum Slot {
-    /// To be finished; afterwards its lattice is still looked at.
-    Work(Box<Work>),
-    /// Finished elsewhere, or outside the window: only looked at.
+    /// A tile to be finished. Afterwards its neighbours still look at its lattice.
+    TileWork(Box<TileWork>),
+    /// A tile that is finished elsewhere, or lies outside the window: its neighbours look at it.
     Seen(Lattice),
 }
 
 impl Slot {
     fn lattice(&self) -> &Lattice {
         match self {
-            Self::Work(work) => &work.lattice,
+            Self::TileWork(work) => &work.lattice,
             Self::Seen(lattice) => lattice,
         }
     }
 
     fn into_lattice(self) -> Lattice {
         match self {
-            Self::Work(work) => work.lattice,
+            Self::TileWork(work) => work.lattice,
             Self::Seen(lattice) => lattice,
         }
     }
@@ -51,7 +72,7 @@ impl Slot {
 pub struct TileRow {
     /// The row.
     pub y: u32,
-    /// The tiles that there are by their column, from west to east.
+    /// The tiles that exist, by their column, from west to east.
     pub slots: Vec<(u32, Slot)>,
 }
 
@@ -61,9 +82,11 @@ impl TileRow {
         self.slots.get(index).map(|(_, slot)| slot)
     }
 
-    /// The row without the tiles that nobody in the row to the south will look at: only fills look, and only voids are filled.
+    /// The row without the tiles that no tile of the row to the south will look at. Only tiles with
+    /// voids look.
     fn needed_by(mut self, south: &Self, buffers: &Buffers) -> Self {
-        let has_void = |slot: &Slot| matches!(slot, Slot::Work(work) if work.lattice.state.contains(&VOID));
+        let has_void =
+            |slot: &Slot| matches!(slot, Slot::TileWork(work) if work.lattice.state.contains(&VOID));
         let looking: Vec<u32> =
             south.slots.iter().filter(|(_, slot)| has_void(slot)).map(|(x, _)| *x).collect();
         let unseen = |(x, _): &mut (u32, Slot)| {
@@ -74,8 +97,9 @@ impl TileRow {
         self
     }
 
-    /// What the tiles in some columns leave: their rims if they are finished, else their quarters.
-    fn leave(
+    /// Hands to `put` what the tiles in some columns carry: their borders if they are finished,
+    /// else the summaries of their children.
+    fn carry_over(
         &self,
         level: u8,
         wanted: impl Fn(u32) -> bool,
@@ -84,38 +108,39 @@ impl TileRow {
         let mut items = Vec::new();
         for (x, slot) in self.slots.iter().filter(|(x, _)| wanted(*x)) {
             let (id, before) = (TileId::new(level, *x, self.y), items.len());
-            if let Slot::Work(work) = slot {
+            if let Slot::TileWork(work) = slot {
                 items.extend(work.quadrants().map(|quadrant| Item::Part(id.child(quadrant), work)));
             }
             if items.len() == before {
-                items.push(Item::Rim(id, slot.lattice()));
+                items.push(Item::Border(id, slot.lattice()));
             }
         }
         encode_each(&items, put)
     }
 }
 
-/// Lets go of tiles that nobody will look at any more.
+/// Gives the memory of tiles back that no tile will look at any more.
 fn give_back(slots: impl Iterator<Item = (u32, Slot)>, buffers: &Buffers) {
     slots.map(|(_, slot)| slot.into_lattice()).for_each(|lattice| buffers.lattices.give(lattice.n, lattice));
 }
 
-/// Quarters of a row by column, ascending.
-type Quarters = Vec<(u32, Quarter)>;
+/// Summaries of a row by column, ascending.
+type Summaries = Vec<(u32, ChildSummary)>;
 
 /// All levels of a build in progress.
 pub struct Sweep<'a> {
     plan: &'a Plan,
-    reach: Reach,
+    window_levels: WindowLevels,
     levels: Vec<Level>,
     output: Output,
-    /// Memory that nobody is using.
+    /// Memory of tiles that are done with.
     buffers: &'a Buffers,
     /// Finished tiles that are written and counted while the next row is worked on.
     unwritten: Vec<Finished>,
-    /// What others left for this sweep.
-    earlier: Seams,
-    /// Rows of leaf tiles before this one have been passed: if they come, they are only to be looked at.
+    /// What other builds have carried to this sweep.
+    earlier: Carried,
+    /// Rows of leaf tiles before this one are finished elsewhere: if they come, they are only
+    /// looked at.
     passed: u32,
 }
 
@@ -124,40 +149,47 @@ pub struct Output {
     /// Gets the finished tiles.
     pub writer: ContainerWriter,
     /// Counts them.
-    pub tally: Tally,
-    /// Gets what this sweep leaves for others.
-    pub seam: SeamFile,
+    pub statistics: StatisticsBuilder,
+    /// Gets what the merge will need.
+    pub carry: CarryFile,
 }
 
 #[derive(Default)]
 struct Level {
-    /// Finished: only its lattices are of use.
+    /// The last finished row: only its lattices are used.
     north: Option<TileRow>,
-    /// Next to be worked on.
+    /// The next row to be finished.
     current: Option<TileRow>,
-    /// Quarters of the last finished row, if its partner is still to come.
-    waiting: Option<(u32, Quarters)>,
+    /// Summaries of the last finished row, if the row that it is paired with is still to come.
+    waiting: Option<(u32, Summaries)>,
 }
 
 impl<'a> Sweep<'a> {
-    /// A sweep over the tiles of a window. `earlier` is what other builds have left for it.
-    pub fn new(plan: &'a Plan, buffers: &'a Buffers, reach: Reach, output: Output, earlier: Seams) -> Self {
+    /// A sweep over the tiles of a window. `earlier` is what other builds have carried to it.
+    pub fn new(
+        plan: &'a Plan,
+        buffers: &'a Buffers,
+        window_levels: WindowLevels,
+        output: Output,
+        earlier: Carried,
+    ) -> Self {
         let levels = (0..=plan.pyramid.levels).map(|_| Level::default()).collect();
-        Self { plan, reach, levels, output, buffers, unwritten: Vec::new(), earlier, passed: 0 }
+        Self { plan, window_levels, levels, output, buffers, unwritten: Vec::new(), earlier, passed: 0 }
     }
 
-    /// The next row of leaf tiles.
+    /// Takes the next row of leaf tiles.
     pub fn push(&mut self, row: TileRow) -> Result<()> {
         self.push_at(self.plan.pyramid.levels, row)
     }
 
-    /// A row of leaf tiles that others have finished: what they left of it goes on from here.
+    /// Passes over a row of leaf tiles that other builds have finished: goes on from what they have
+    /// carried.
     pub fn pass(&mut self, y: u32) -> Result<()> {
         self.passed = y + 1;
         self.stack(self.plan.pyramid.levels, y, Vec::new())
     }
 
-    /// Works off what is left.
+    /// Finishes the rows that still wait for another, at every level.
     pub fn finish(&mut self) -> Result<()> {
         for level in (0..=self.plan.pyramid.levels).rev() {
             if self.levels[usize::from(level)].current.is_some() {
@@ -170,25 +202,26 @@ impl<'a> Sweep<'a> {
         self.settle()
     }
 
-    /// Writes and counts what has been finished.
+    /// Writes and counts the tiles that have been finished.
     pub fn settle(&mut self) -> Result<()> {
         let tiles = std::mem::take(&mut self.unwritten);
         self.output.write(tiles, self.plan)
     }
 
-    /// What stands in the levels now, as items: with the seam file and what is settled, all that a sweep needs to go on from here.
-    pub fn standing(&self, put: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
+    /// Hands to `put` all that is in the levels now, as items. With the carry file and the tiles
+    /// written so far, it is all that a sweep needs to go on from here.
+    pub fn carry_all(&self, put: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
         for (level, state) in (0..).zip(&self.levels) {
             if let Some((y, waiting)) = &state.waiting {
-                let items = waiting.iter().map(|(x, q)| Item::Quarter(TileId::new(level, *x, *y), q));
+                let items = waiting.iter().map(|(x, q)| Item::Summary(TileId::new(level, *x, *y), q));
                 encode_each(&items.collect::<Vec<_>>(), put)?;
             }
             if level == self.plan.pyramid.levels {
-                // Leaves come from the source again.
+                // Leaf tiles are read from the source again.
                 continue;
             }
             for row in [&state.north, &state.current].into_iter().flatten() {
-                row.leave(level, |_| true, put)?;
+                row.carry_over(level, |_| true, put)?;
             }
         }
         Ok(())
@@ -199,14 +232,14 @@ impl<'a> Sweep<'a> {
         &mut self.output.writer
     }
 
-    /// The seam file, likewise.
-    pub fn seam(&mut self) -> &mut SeamFile {
-        &mut self.output.seam
+    /// The carry file, to mark how far it is.
+    pub fn carry_file(&mut self) -> &mut CarryFile {
+        &mut self.output.carry
     }
 
     /// What has been counted.
-    pub fn tally(&self) -> &Tally {
-        &self.output.tally
+    pub fn statistics(&self) -> &StatisticsBuilder {
+        &self.output.statistics
     }
 
     /// What has been made.
@@ -222,16 +255,16 @@ impl<'a> Sweep<'a> {
         Ok(())
     }
 
-    /// Works on the current row of a level, of which the row to the south is known now.
+    /// Finishes the current row of a level, now that the row to the south is known.
     fn work(&mut self, level: u8, south: Option<&TileRow>) -> Result<()> {
         let Some(mut row) = self.levels[usize::from(level)].current.take() else { return Ok(()) };
         let passed = level == self.plan.pyramid.levels && row.y < self.passed;
-        let quarters = if self.reach.finished(level).rows.contains(&row.y) && !passed {
+        let summaries = if self.window_levels.finished(level).rows.contains(&row.y) && !passed {
             Some(self.finish_row(level, &mut row, south)?)
         } else {
             None
         };
-        self.leave(level, &row)?;
+        self.carry_over(level, &row)?;
         let y = row.y;
         let row = match south {
             Some(south) => Some(row.needed_by(south, self.buffers)),
@@ -239,24 +272,24 @@ impl<'a> Sweep<'a> {
         };
         let north = std::mem::replace(&mut self.levels[usize::from(level)].north, row);
         give_back(north.into_iter().flat_map(|row| row.slots), self.buffers);
-        quarters.map_or(Ok(()), |quarters| self.stack(level, y, quarters))
+        summaries.map_or(Ok(()), |summaries| self.stack(level, y, summaries))
     }
 
-    /// Finishes the tiles of a row that can be.
-    fn finish_row(&mut self, level: u8, row: &mut TileRow, south: Option<&TileRow>) -> Result<Quarters> {
+    /// Finishes the tiles of a row that can be finished here. Returns their summaries.
+    fn finish_row(&mut self, level: u8, row: &mut TileRow, south: Option<&TileRow>) -> Result<Summaries> {
         let (plan, y) = (self.plan, row.y);
-        let columns = self.reach.finished(level).columns.clone();
+        let columns = self.window_levels.finished(level).columns.clone();
         let north = self.levels[usize::from(level)].north.as_ref();
         let fills = fills(&plan.pyramid, level, north, row, south, &columns);
         let buffers = self.buffers;
-        let work = || -> Vec<Option<Result<(Finished, Quarter)>>> {
+        let work = || -> Vec<Option<Result<(Finished, ChildSummary)>>> {
             row.slots
                 .par_iter_mut()
                 .zip(fills)
                 .map_init(
                     || buffers.lend(),
                     |lent, ((x, slot), fills)| match slot {
-                        Slot::Work(work) if columns.contains(x) => {
+                        Slot::TileWork(work) if columns.contains(x) => {
                             fill::apply(&mut work.lattice, &fills);
                             Some(work.finish(TileId::new(level, *x, y), plan, lent))
                         }
@@ -268,78 +301,79 @@ impl<'a> Sweep<'a> {
         let unwritten = std::mem::take(&mut self.unwritten);
         let (written, finished) = rayon::join(|| self.output.write(unwritten, plan), work);
         written?;
-        let mut quarters = Vec::with_capacity(finished.len());
+        let mut summaries = Vec::with_capacity(finished.len());
         for tile in finished.into_iter().flatten() {
-            let (tile, quarter) = tile?;
-            quarters.push((tile.record.id.x, quarter));
+            let (tile, summary) = tile?;
+            summaries.push((tile.record.id.x, summary));
             self.unwritten.push(tile);
         }
-        Ok(quarters)
+        Ok(summaries)
     }
 
-    /// Leaves for others what they will need of a row that has been worked on.
-    fn leave(&mut self, level: u8, row: &TileRow) -> Result<()> {
+    /// Carries what the merge will need of a row that has been finished.
+    fn carry_over(&mut self, level: u8, row: &TileRow) -> Result<()> {
         if level == self.plan.pyramid.levels {
             return Ok(());
         }
-        let (seam, reach) = (&mut self.output.seam, &self.reach);
-        row.leave(level, |x| reach.is_at_seam(level, x, row.y), &mut |bytes| seam.put(bytes))
+        let (carry, window_levels) = (&mut self.output.carry, &self.window_levels);
+        row.carry_over(level, |x| window_levels.is_at_side(level, x, row.y), &mut |bytes| carry.put(bytes))
     }
 
-    /// Pairs a finished row with the one it waits for.
-    fn stack(&mut self, level: u8, y: u32, mut quarters: Quarters) -> Result<()> {
+    /// Pairs a finished row with the one that waits for it.
+    fn stack(&mut self, level: u8, y: u32, mut summaries: Summaries) -> Result<()> {
         if level == 0 {
             return Ok(());
         }
-        let earlier = self.earlier.take_quarters(level, y, self.plan)?;
+        let earlier = self.earlier.take_summaries(level, y, self.plan)?;
         if !earlier.is_empty() {
-            quarters.extend(earlier);
-            quarters.sort_unstable_by_key(|(x, _)| *x);
+            summaries.extend(earlier);
+            summaries.sort_unstable_by_key(|(x, _)| *x);
         }
         let waiting = &mut self.levels[usize::from(level)].waiting;
         if y.is_multiple_of(2) {
-            *waiting = Some((y, quarters));
+            *waiting = Some((y, summaries));
             return Ok(());
         }
         let north = waiting.take().map_or_else(Vec::new, |(_, north)| north);
-        self.lift(level, y, north, quarters)
+        self.lift(level, y, north, summaries)
     }
 
-    /// Makes the parents of two rows, and pushes them a level up; those of tiles that are not all here go to the seam.
-    fn lift(&mut self, level: u8, y: u32, north: Quarters, south: Quarters) -> Result<()> {
+    /// Makes the parents of two rows and pushes them to the level above. Summaries whose parent is
+    /// not assembled here are carried.
+    fn lift(&mut self, level: u8, y: u32, north: Summaries, south: Summaries) -> Result<()> {
         if level == 0 {
             return Ok(());
         }
         let (plan, above, y) = (self.plan, level - 1, y / 2);
-        let assembled = self.reach.assembled(above).clone();
-        let mut quads: BTreeMap<u32, [Option<Quarter>; 4]> = BTreeMap::new();
-        let mut left = Vec::new();
+        let assembled = self.window_levels.assembled(above).clone();
+        let mut quads: BTreeMap<u32, [Option<ChildSummary>; 4]> = BTreeMap::new();
+        let mut carried = Vec::new();
         for (half, row) in [north, south].into_iter().enumerate() {
-            for (x, quarter) in row {
+            for (x, summary) in row {
                 if assembled.contains(x / 2, y) {
-                    quads.entry(x / 2).or_default()[2 * half + x as usize % 2] = Some(quarter);
+                    quads.entry(x / 2).or_default()[2 * half + x as usize % 2] = Some(summary);
                 } else {
-                    left.push((TileId::new(level, x, 2 * y + half as u32), quarter));
+                    carried.push((TileId::new(level, x, 2 * y + half as u32), summary));
                 }
             }
         }
-        let items: Vec<_> = left.iter().map(|(id, quarter)| Item::Quarter(*id, quarter)).collect();
-        self.output.seam.append(&items)?;
+        let items: Vec<_> = carried.iter().map(|(id, summary)| Item::Summary(*id, summary)).collect();
+        self.output.carry.append(&items)?;
         if !assembled.rows.contains(&y) {
             return Ok(());
         }
         let buffers = self.buffers;
-        for (_, quarter) in left {
-            quarter.into_errors(buffers);
+        for (_, summary) in carried {
+            summary.into_errors(buffers);
         }
-        let parent = |(x, quad)| Some((x, Slot::Work(Box::new(Work::parent(quad, plan, buffers)?))));
+        let parent = |(x, quad)| Some((x, Slot::TileWork(Box::new(TileWork::parent(quad, plan, buffers)?))));
         let quads: Vec<_> = quads.into_iter().collect();
         let mut slots: Vec<(u32, Slot)> = quads.into_par_iter().filter_map(parent).collect();
         let made = slots.len();
-        for (x, rim) in self.earlier.take_rims(above, y, plan)? {
+        for (x, border) in self.earlier.take_borders(above, y, plan)? {
             let is_made = slots[..made].binary_search_by_key(&x, |(x, _)| *x).is_ok();
             if assembled.columns.contains(&x) && !is_made {
-                slots.push((x, Slot::Seen(rim)));
+                slots.push((x, Slot::Seen(border)));
             }
         }
         slots.sort_unstable_by_key(|(x, _)| *x);
@@ -352,13 +386,13 @@ impl Output {
     fn write(&mut self, tiles: Vec<Finished>, plan: &Plan) -> Result<()> {
         for tile in tiles {
             self.writer.append(&tile.record, &tile.chunks)?;
-            self.tally.add(&tile, &plan.geometry(tile.record.id));
+            self.statistics.add(&tile, &plan.geometry(tile.record.id));
         }
         Ok(())
     }
 }
 
-/// Fills of the tiles of a row in `columns`; none for the others.
+/// Fills of the tiles of a row that lie in `columns`; no fills for the others.
 fn fills(
     pyramid: &Pyramid,
     level: u8,
@@ -375,7 +409,7 @@ fn fills(
     row.slots
         .par_iter()
         .map(|(x, slot)| {
-            if !columns.contains(x) || !matches!(slot, Slot::Work(_)) {
+            if !columns.contains(x) || !matches!(slot, Slot::TileWork(_)) {
                 return Vec::new();
             }
             let around = rows.map(|row| {

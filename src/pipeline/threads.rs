@@ -7,7 +7,8 @@ const THREADS_A_CORE: usize = 4;
 /// Threads that may be asked for on any machine.
 const LEAST_MOST: usize = 16;
 
-/// Threads that work, of so many asked for: far more than there are cores only wait for one another.
+/// Threads that work if `jobs` are asked for. Far more threads than cores would only wait for one
+/// another.
 pub fn workers(jobs: Option<usize>) -> usize {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     jobs.unwrap_or(cores).clamp(1, (THREADS_A_CORE * cores).max(LEAST_MOST))

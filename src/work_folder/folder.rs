@@ -1,8 +1,9 @@
 //! [`WorkFolder`]: locked while a build runs, removed when it ends.
 //!
-//! Everything that a build writes lies in the folder until one rename gives the finished file its name. A build that
-//! has written its state leaves the folder behind if it fails, so that it can be resumed. A folder without a state
-//! is cleaned and used again. A folder that no build made is left alone.
+//! Everything that a build writes lies in the folder until one rename gives the finished file its
+//! name. A build that has written its state leaves the folder behind if it fails, so that it can be
+//! resumed. A folder without a state is cleaned and used again. A folder that no build made is left
+//! alone.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -30,7 +31,8 @@ pub enum Earlier {
     Resume,
 }
 
-/// A locked work folder. Dropping it removes it with all that is in it, unless a state has been written.
+/// A locked work folder. Dropping it removes it with all that is in it, unless a state has been
+/// written.
 pub struct WorkFolder {
     output: PathBuf,
     folder: PathBuf,
@@ -42,7 +44,8 @@ pub struct WorkFolder {
 }
 
 impl WorkFolder {
-    /// Makes or takes over the folder. Fails if the output exists (unless `force`) or another build holds the folder.
+    /// Makes or takes over the folder. Fails if the output exists (unless `force`) or another build
+    /// holds the folder.
     pub fn take(output: &Path, force: bool, earlier: Earlier) -> Result<Self> {
         let output = resolve(output, force)?;
         let folder = folder_of(&output);
@@ -72,7 +75,8 @@ impl WorkFolder {
         state_path(&self.folder).is_file()
     }
 
-    /// Puts a state in the place of the one before, whole and synced. From now on the folder outlives a failed build.
+    /// Puts a state in the place of the one before, whole and synced. From now on the folder
+    /// outlives a failed build.
     pub fn write_state(&mut self, state: &[u8]) -> Result<()> {
         let mut new = NewState::create(&self.folder)?;
         new.append(state)?;
@@ -111,8 +115,8 @@ impl WorkFolder {
         self.folder.join(name)
     }
 
-    /// Gives a finished file of the folder the output's name; the folder is of no more use then. Without `force` a file that has
-    /// come to be there stays.
+    /// Gives a finished file of the folder the output's name; the folder is of no more use then.
+    /// Without `force` a file that has come to be there stays.
     pub fn publish(&mut self, file: &Path) -> Result<()> {
         self.give_name(file)?;
         self.keep = false;
@@ -129,7 +133,8 @@ impl WorkFolder {
             return Err(exists(&output));
         }
         let failed = |source| Error::io(&output, "give the finished piece its name", source);
-        // An open file cannot be moved on Windows; nobody else begins a build of an output that is about to be.
+        // An open file cannot be moved on Windows; nobody else begins a build of an output that is
+        // about to be.
         let _ = fs::remove_file(self.folder.join(LOCK));
         self.lock = None;
         fs::rename(&self.folder, &output).map_err(failed)?;
@@ -147,7 +152,8 @@ impl WorkFolder {
     }
 
     fn publish_new(&self, file: &Path) -> Result<()> {
-        // A link never replaces; a rename does. File systems without links get the check and the rename.
+        // A link never replaces; a rename does. File systems without links get the check and the
+        // rename.
         match fs::hard_link(file, &self.output) {
             Ok(()) => return Ok(()),
             Err(error) if error.kind() == ErrorKind::AlreadyExists => return Err(exists(&self.output)),
@@ -216,13 +222,15 @@ pub fn state_path(folder: &Path) -> PathBuf {
     folder.join(STATE)
 }
 
-/// The work folder of an output, if an unfinished build left a state there from which it can be resumed.
+/// The work folder of an output, if an unfinished build left a state there from which it can be
+/// resumed.
 pub fn resumable(output: &Path) -> Option<PathBuf> {
     let folder = folder_of(output);
     state_path(&folder).is_file().then_some(folder)
 }
 
-/// Opens a file of a work folder for writing and for reading back. `new`: creates it, or empties it.
+/// Opens a file of a work folder for writing and for reading back. `new`: creates it, or empties
+/// it.
 pub(crate) fn open_file(path: &Path, new: bool) -> io::Result<File> {
     OpenOptions::new().create(new).truncate(new).read(true).write(true).open(path)
 }
@@ -252,7 +260,8 @@ fn resolve(output: &Path, force: bool) -> Result<PathBuf> {
         ))),
         Ok(_) if !force => Err(exists(output)),
         Ok(_) => fs::canonicalize(output).map_err(|source| Error::io(output, "resolve", source)),
-        // A rename would fail there when all the work is done, or put the file where nobody looks for it.
+        // A rename would fail there when all the work is done, or put the file where nobody looks
+        // for it.
         Err(error) if error.kind() == ErrorKind::NotFound && fs::symlink_metadata(output).is_ok() => {
             Err(output::dangling(output))
         }
@@ -270,7 +279,8 @@ fn is_piece(path: &Path) -> bool {
     state_path(path).is_file()
 }
 
-/// The next state of a folder while it is written: under another name, so that there is a whole one at any time.
+/// The next state of a folder while it is written: under another name, so that there is a whole one
+/// at any time.
 pub struct NewState {
     folder: PathBuf,
     file: BufWriter<File>,

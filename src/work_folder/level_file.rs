@@ -1,4 +1,5 @@
-//! The chunks of one level: those of this build in the order in which they came, and those of adopted pieces.
+//! The chunks of one level: those of this build in the order in which they came, and those of
+//! adopted pieces.
 
 use std::fs::File;
 use std::io::{self, BufWriter};
@@ -37,8 +38,8 @@ impl LevelFile {
         }
     }
 
-    /// Copies the chunks of tiles that follow one another in `out`, whose tiles section begins at `base`. Fails if
-    /// their checksums are not those of the chunks that came.
+    /// Copies the chunks of tiles that follow one another in `out`, whose tiles section begins at
+    /// `base`. Fails if their checksums are not those of the chunks that came.
     pub fn copy_tiles(
         &self,
         entries: &[TileEntry],

@@ -1,7 +1,7 @@
 //! The list of tiles in a work folder: one row for each tile, with a checksum.
 //!
-//! A row is appended with every tile. The list is read back when a build is resumed or a piece is merged. It is not
-//! part of the container format.
+//! A row is appended with every tile. The list is read back when a build is resumed or a piece is
+//! merged. It is not part of the container format.
 
 use crate::container::directory::{ChunkPlace, TileEntry};
 use crate::error::{Error, Result};

@@ -1,7 +1,7 @@
 //! [`TileStore`]: the tiles of an unfinished build, in the files of its work folder.
 //!
-//! Tiles are appended as they come. A [`Mark`] says how far the files are; a store can be resumed at a mark, become a
-//! piece, or adopt the tiles of finished pieces.
+//! Tiles are appended as they come. A [`Mark`] says how far the files are; a store can be resumed
+//! at a mark, become a piece, or adopt the tiles of finished pieces.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
@@ -47,7 +47,8 @@ impl TileStore {
         Ok(Self { files: Vec::new(), list, tiles: 0, failed: false, folder })
     }
 
-    /// The store as it was at a mark, and the rows of its tiles. What was written after the mark is cut off.
+    /// The store as it was at a mark, and the rows of its tiles. What was written after the mark is
+    /// cut off.
     pub fn resume(folder: WorkFolder, mark: &Mark) -> Result<(Self, Vec<TileEntry>)> {
         let failed = |name: &str, source| Error::io(folder.path(name), "go on with it", source);
         let mut file = open_file(&folder.path(LIST), false).map_err(|source| failed(LIST, source))?;
@@ -65,7 +66,8 @@ impl TileStore {
         Ok((Self { files, list, tiles: mark.tiles, failed: false, folder }, entries))
     }
 
-    /// Appends the chunks of a tile, and its row, whose offset is set to where the chunks lie in the level's file.
+    /// Appends the chunks of a tile, and its row, whose offset is set to where the chunks lie in
+    /// the level's file.
     pub fn append(&mut self, entry: &mut TileEntry, chunks: [&[u8]; 3]) -> Result<()> {
         let id = entry.id;
         let failed = |folder: &WorkFolder, action, source| Err(folder.failed(action, source));
@@ -95,8 +97,8 @@ impl TileStore {
         Ok(offset)
     }
 
-    /// Takes over all tiles of a finished piece, the folder `piece`, as they were at its mark. Returns their rows.
-    /// Their chunks stay where they are until the file is put together.
+    /// Takes over all tiles of a finished piece, the folder `piece`, as they were at its mark.
+    /// Returns their rows. Their chunks stay where they are until the file is put together.
     pub fn adopt(&mut self, piece: &Path, mark: &Mark) -> Result<Vec<TileEntry>> {
         let path = piece.join(LIST);
         let mut file = crate::file::open(&path).map_err(|source| Error::io(&path, "open", source))?;
@@ -140,7 +142,8 @@ impl TileStore {
         Ok(Mark { levels, tiles: self.tiles })
     }
 
-    /// The files behind the last mark. They must be synced before a state that holds the mark counts.
+    /// The files behind the last mark. They must be synced before a state that holds the mark
+    /// counts.
     pub fn files(&self) -> Result<Vec<File>> {
         let files =
             self.files.iter().flatten().map(|level| level.file.get_ref()).chain([self.list.get_ref()]);
@@ -172,7 +175,8 @@ impl TileStore {
         &mut self.folder
     }
 
-    /// Makes the folder a piece: writes the state, syncs all files and gives the folder the output's name.
+    /// Makes the folder a piece: writes the state, syncs all files and gives the folder the
+    /// output's name.
     pub fn finish_piece(mut self, state: &[u8]) -> Result<()> {
         for file in self.files()? {
             file.sync_data().map_err(|source| self.folder.failed("sync the piece", source))?;

@@ -1,4 +1,5 @@
-//! Puts an imagery layer into a file that is there, or another in its place. Heights are copied as they are, not decoded.
+//! Puts an imagery layer into a file that is there, or another in its place. Heights are copied as
+//! they are, not decoded.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
@@ -18,9 +19,10 @@ use crate::work_folder::WorkFolder;
 /// Bytes copied between two questions whether to go on.
 const AT_ONCE: u64 = 64 << 20;
 
-/// Writes the file that `work` is for anew, with this layer, and lets it take the place of the old one: there is a whole file at any
-/// time. The file must be as it was when the folder was taken. Returns its length. Stops with [`Error::Interrupted`] when `go_on`,
-/// told bytes written and their total, says no, and with the error of `inspect`, which is shown the whole file before it takes
+/// Writes the file that `work` is for anew, with this layer, and lets it take the place of the old
+/// one: there is a whole file at any time. The file must be as it was when the folder was taken.
+/// Returns its length. Stops with [`Error::Interrupted`] when `go_on`, told bytes written and their
+/// total, says no, and with the error of `inspect`, which is shown the whole file before it takes
 /// that place.
 pub fn put_imagery(
     work: &mut WorkFolder,

@@ -1,6 +1,8 @@
-//! [`ContainerWriter`]: chunks go to one file per level as they come, and at the end to their places.
+//! [`ContainerWriter`]: chunks go to one file per level as they come, and at the end to their
+//! places.
 //!
-//! Memory is one row per tile, whatever the area. The output appears by one rename when it is whole and synced.
+//! Memory is one row per tile, whatever the area. The output appears by one rename when it is whole
+//! and synced.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
@@ -26,8 +28,8 @@ const TILES_AT_ONCE: usize = 256;
 /// Tiles copied by one thread at a time, some 500 KB of most rasters.
 const TILES_A_THREAD: usize = 16;
 
-/// Writes one container. Dropped before [`ContainerWriter::finish`], it leaves nothing behind, unless a state was written
-/// from which the build can be resumed.
+/// Writes one container. Dropped before [`ContainerWriter::finish`], it leaves nothing behind,
+/// unless a state was written from which the build can be resumed.
 pub struct ContainerWriter {
     store: TileStore,
     tree: Tree,
@@ -36,7 +38,8 @@ pub struct ContainerWriter {
 }
 
 impl ContainerWriter {
-    /// Begins a file. Refuses an existing output unless `force`, and an output that another build is writing.
+    /// Begins a file. Refuses an existing output unless `force`, and an output that another build
+    /// is writing.
     pub fn create(output: &Path, force: bool) -> Result<Self> {
         let earlier = if force { Earlier::Discard } else { Earlier::Refuse };
         Self::begin(WorkFolder::take(output, force, earlier)?)
@@ -47,7 +50,8 @@ impl ContainerWriter {
         Ok(Self::of(TileStore::begin(work)?))
     }
 
-    /// Goes on with the tiles of a work folder as they were at a mark; what was written after it is cut off.
+    /// Goes on with the tiles of a work folder as they were at a mark; what was written after it is
+    /// cut off.
     pub fn resume(work: WorkFolder, mark: &Mark) -> Result<Self> {
         let (store, entries) = TileStore::resume(work, mark)?;
         let mut writer = Self::of(store);
@@ -93,7 +97,8 @@ impl ContainerWriter {
         Ok(())
     }
 
-    /// Gives the file an imagery layer. The metadata of [`ContainerWriter::finish`] are to tell of it too.
+    /// Gives the file an imagery layer. The metadata of [`ContainerWriter::finish`] are to tell of
+    /// it too.
     pub fn attach(&mut self, imagery: ImagerySections) {
         self.imagery = Some(imagery);
     }
@@ -140,7 +145,8 @@ impl ContainerWriter {
         self.store.folder().output()
     }
 
-    /// Puts the file together, syncs it and gives it its name. `header.tile_count` is set to what came.
+    /// Puts the file together, syncs it and gives it its name. `header.tile_count` is set to what
+    /// came.
     pub fn finish(
         self,
         header: &Header,
@@ -150,8 +156,9 @@ impl ContainerWriter {
         self.finish_while(header, metadata, statistics, &|_| Ok(()), &mut |_, _| true)
     }
 
-    /// [`ContainerWriter::finish`], but stops with [`Error::Interrupted`] when `go_on`, told the tiles copied and their total, says no, and
-    /// with the error of `inspect`, which is shown the whole file before it gets its name.
+    /// [`ContainerWriter::finish`], but stops with [`Error::Interrupted`] when `go_on`, told the
+    /// tiles copied and their total, says no, and with the error of `inspect`, which is shown the
+    /// whole file before it gets its name.
     pub fn finish_while(
         mut self,
         header: &Header,
@@ -200,8 +207,8 @@ impl ContainerWriter {
         })
     }
 
-    /// Writes and syncs the file under its working name. False if told to stop. What it is made of stays: a build that fails here
-    /// can be resumed.
+    /// Writes and syncs the file under its working name. False if told to stop. What it is made of
+    /// stays: a build that fails here can be resumed.
     fn assemble(
         &mut self,
         path: &Path,
@@ -218,7 +225,8 @@ impl ContainerWriter {
         for (_, bytes) in small {
             out.write_all(bytes)?;
         }
-        // Most of it is the system finding memory for the new file's pages, which threads do side by side.
+        // Most of it is the system finding memory for the new file's pages, which threads do side
+        // by side.
         let file = out.into_inner().map_err(io::IntoInnerError::into_error)?;
         let (mut done, total) = (0, self.tree.count());
         for (level, sources) in sources.iter().enumerate() {

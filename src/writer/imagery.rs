@@ -1,5 +1,5 @@
-//! An imagery layer in the making: chunks in one file as they come, from several threads; at the end in their places, with the
-//! index, as sections that a container takes over.
+//! An imagery layer in the making: chunks in one file as they come, from several threads; at the
+//! end in their places, with the index, as sections that a container takes over.
 //!
 //! The same tiles give the same bytes in whatever order they came. Memory is one row per tile.
 
@@ -41,7 +41,8 @@ struct Inner {
     failed: bool,
 }
 
-/// A finished layer: sections that wait for their container. What is large lies in a file of the folder that the writer was given.
+/// A finished layer: sections that wait for their container. What is large lies in a file of the
+/// folder that the writer was given.
 #[derive(Debug)]
 pub struct ImagerySections {
     /// What the layer says about itself.
@@ -76,7 +77,8 @@ impl ImagerySections {
 }
 
 impl ImageryWriter {
-    /// Begins a layer, with its files in `folder`. `header.alpha`, `leaf` and `tiles` are found out.
+    /// Begins a layer, with its files in `folder`. `header.alpha`, `leaf` and `tiles` are found
+    /// out.
     pub fn create(folder: &Path, header: ImageryHeader) -> Result<Self> {
         let header = ImageryHeader { alpha: false, leaf: 0, tiles: 1, ..header };
         header.check()?;
@@ -129,7 +131,8 @@ impl ImageryWriter {
         Error::io(self.folder.join("imagery-chunks"), action, source)
     }
 
-    /// Puts the tiles in their places. Stops with [`Error::Interrupted`] when `go_on`, told the tiles done and their total, says no.
+    /// Puts the tiles in their places. Stops with [`Error::Interrupted`] when `go_on`, told the
+    /// tiles done and their total, says no.
     pub fn finish(self, go_on: &mut dyn FnMut(u64, u64) -> bool) -> Result<ImagerySections> {
         let Self { folder, mut header, tables, inner } = self;
         let Inner { file, mut tree, histograms, alpha, failed, .. } =

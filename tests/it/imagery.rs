@@ -12,7 +12,7 @@ use relevo::container::{ImageryHeader, Reader};
 use relevo::geotiff_write::{GeotiffSpec, GeotiffWriter};
 use relevo::limits::Limits;
 use relevo::pipeline::imagery::{Imagery, LayerOptions};
-use relevo::pipeline::{self, BuildOptions, Silent, memory, strips};
+use relevo::pipeline::{self, BuildOptions, Silent, column_passes, memory};
 use relevo::sample::{SampleType, VALID};
 use relevo::source::Samples;
 use relevo::source::picture::{PictureOptions, open_all};
@@ -688,10 +688,10 @@ fn a_build_with_imagery_is_a_build_and_an_add() {
     let plan = pipeline::plan(source.info(), &options).expect("plan");
     // As little as strips, and joining them, and the imagery can do with.
     let wide = |columns: u32| (0..63 - columns).map(|x| memory::estimate(&plan, &(x..x + columns))).max();
-    let memory = (4..63).map(wide).find(|&memory| strips::windows(&plan, memory).is_ok()).flatten();
+    let memory = (4..63).map(wide).find(|&memory| column_passes::windows(&plan, memory).is_ok()).flatten();
     let least = *layer.memory(&plan.ground(), 1).expect("memory").start();
     let memory = memory.max(Some(least));
-    assert!(strips::windows(&plan, memory).expect("strips").len() > 1);
+    assert!(column_passes::windows(&plan, memory).expect("strips").len() > 1);
     let built = |name: &str, options: &BuildOptions| {
         let path = folder.path().join(name);
         let report = pipeline::build_with(&*source, Some(&layer), &path, options, &Silent).expect("build");

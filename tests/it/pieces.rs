@@ -9,7 +9,7 @@ use relevo::Rect;
 use relevo::geo::Geo;
 use relevo::geotiff_write::{GeotiffSpec, GeotiffWriter};
 use relevo::limits::Limits;
-use relevo::pipeline::{self, BuildOptions, Silent, memory, strips};
+use relevo::pipeline::{self, BuildOptions, Silent, column_passes, memory};
 use relevo::sample::SampleType;
 use relevo::source::{self, Samples};
 
@@ -199,7 +199,7 @@ fn a_limit_of_memory_changes_no_byte() {
     let memory = |columns: u32| (0..=44 - columns).map(|x| memory::estimate(&plan, &(x..x + columns))).max();
     for columns in [17, 28, 40] {
         let memory = memory(columns);
-        let strips = strips::windows(&plan, memory).expect("strips");
+        let strips = column_passes::windows(&plan, memory).expect("strips");
         // A strip is read with a column on either side; the raster has none beyond its own.
         assert!(strips.len() > 1 && strips.iter().all(|strip| strip.columns.len() < columns as usize));
         let limited = folder.path().join("limited.rlv");
@@ -207,10 +207,10 @@ fn a_limit_of_memory_changes_no_byte() {
         pipeline::build(&*source, &limited, &options, &Silent).expect("build");
         assert_eq!(fs::read(&limited).expect("limited"), fs::read(&whole).expect("whole"), "{columns}");
     }
-    assert_eq!(strips::windows(&plan, memory(44)).expect("one").len(), 1);
+    assert_eq!(column_passes::windows(&plan, memory(44)).expect("one").len(), 1);
     // Narrow strips leave everything above them to be joined at once.
-    let refused = strips::windows(&plan, memory(3)).expect_err("too little to join").to_string();
+    let refused = column_passes::windows(&plan, memory(3)).expect_err("too little to join").to_string();
     assert!(refused.contains("joining the strips"), "{refused}");
-    let refused = strips::windows(&plan, memory(1)).expect_err("too little").to_string();
+    let refused = column_passes::windows(&plan, memory(1)).expect_err("too little").to_string();
     assert!(refused.contains("--memory") && refused.contains("16 x 16"), "{refused}");
 }

@@ -11,7 +11,7 @@ use relevo::Rect;
 use relevo::Result;
 use relevo::container::reader::Reader;
 use relevo::geo::Geo;
-use relevo::pipeline::{self, BuildOptions, Silent, memory, strips};
+use relevo::pipeline::{self, BuildOptions, Silent, column_passes, memory};
 use relevo::sample::SampleType;
 use relevo::source::{Fingerprint, Part, Samples, Source, SourceInfo, Window};
 use relevo::verify::{VerifyOptions, verify};
@@ -117,7 +117,7 @@ proptest! {
         let plan = pipeline::plan(&sparse.info, &options).expect("plan");
         // As little as strips, and joining them, can do with.
         let tight = |columns: u32| (0..32).map(|x| memory::estimate(&plan, &(u32::saturating_sub(x, 2)..x + columns))).max();
-        let memory = [3, 7, 15].map(tight).into_iter().find(|&memory| strips::windows(&plan, memory).is_ok()).flatten();
+        let memory = [3, 7, 15].map(tight).into_iter().find(|&memory| column_passes::windows(&plan, memory).is_ok()).flatten();
         let options = BuildOptions { memory, ..options };
         prop_assert!(built(&sparse, &folder.path().join("strips.rlv"), &options) == dense);
     }

@@ -11,7 +11,7 @@ use relevo::Rect;
 use relevo::geo::Geo;
 use relevo::geotiff_write::{GeotiffSpec, GeotiffWriter};
 use relevo::limits::Limits;
-use relevo::pipeline::{self, BuildOptions, Observer, Silent, Stage, strips};
+use relevo::pipeline::{self, BuildOptions, Observer, Silent, Stage, column_passes};
 use relevo::sample::SampleType;
 use relevo::source::{self, Samples, Source};
 
@@ -101,7 +101,7 @@ fn no_number_is_lost_on_the_way() {
         is_same("merged.rlv");
         let limit = {
             let plan = pipeline::plan(source.info(), &options).expect("plan");
-            strips::memory_estimate(&plan, &options).expect("bytes") - 1
+            column_passes::memory_estimate(&plan, &options).expect("bytes") - 1
         };
         let narrow = BuildOptions { memory: Some(limit), ..options };
         pipeline::build(&*source, &path("strips.rlv"), &narrow, &Silent).expect("strips");

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use relevo::Error;
 use relevo::pipeline::estimate::{Estimate, estimate};
 use relevo::pipeline::imagery::Imagery as Layer;
-use relevo::pipeline::{BuildOptions, Plan, strips};
+use relevo::pipeline::{BuildOptions, Plan, column_passes};
 use relevo::source::Source;
 use serde_json::{Value, json};
 
@@ -74,7 +74,7 @@ fn facts(plan: &Plan, estimate: &Estimate, memory: u64) -> Value {
 
 /// Bytes of memory that a build takes at most: its imagery is made when its heights are done.
 fn memory((plan, layer): (&Plan, Option<&Layer<'_>>), options: &BuildOptions) -> Result<u64, Error> {
-    let heights = strips::memory_estimate(plan, options)?;
+    let heights = column_passes::memory_estimate(plan, options)?;
     let Some(layer) = layer else { return Ok(heights) };
     layer.check(&plan.ground())?;
     layer.keep_within(&plan.ground(), plan.jobs, options.memory)?;

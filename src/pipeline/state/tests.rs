@@ -85,7 +85,7 @@ fn state() -> impl Strategy<Value = State> {
         (float(), any::<u32>()),
         mark,
     )
-        .prop_map(|(info, stamps, options, (window, strips), (largest, next), (levels, tiles))| State {
+        .prop_map(|(info, stamps, options, (window, passes), (largest, next), (levels, tiles))| State {
             tool: "relevo".to_owned(),
             fingerprint: Fingerprint {
                 files: stamps
@@ -103,12 +103,12 @@ fn state() -> impl Strategy<Value = State> {
                 ..BuildOptions::default()
             },
             window,
-            strips,
+            passes,
             largest,
             next,
-            seam: ("seam-0".to_owned(), tiles),
+            carry: ("seam-0".to_owned(), tiles),
             mark: Mark { levels, tiles },
-            tally: Tally::default(),
+            statistics: StatisticsBuilder::default(),
         })
 }
 

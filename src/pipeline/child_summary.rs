@@ -1,6 +1,8 @@
-//! What a finished tile leaves for its parent: half its samples, blocks, errors, and the range of heights below.
+//! [`ChildSummary`]: what a finished tile leaves for its parent. That is half its samples, its
+//! blocks, its errors, and the range of heights of it and of all tiles below.
 //!
-//! As bytes, for a build that goes on elsewhere or later, it is one zstd frame. Nothing is rounded: what comes back is the same.
+//! As bytes, for a build that goes on elsewhere or later, it is one zstd frame. Nothing is rounded:
+//! decoding returns what was encoded.
 
 use crate::error::{Error, Result};
 use crate::patch::Errors;
@@ -11,9 +13,9 @@ use crate::pipeline::plan::Plan;
 use crate::pipeline::value_range::ValueRange;
 use crate::sample::{Lattice, VALID};
 
-/// A quarter of a parent.
+/// What a finished tile leaves for its parent, of which it becomes one quadrant.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Quarter {
+pub struct ChildSummary {
     /// Every second sample of the tile, `(n / 2 + 1)^2`.
     pub lattice: Lattice,
     /// Its blocks, `(n / 2)^2`.
@@ -24,8 +26,8 @@ pub struct Quarter {
     pub range: ValueRange,
 }
 
-impl Quarter {
-    /// The quarter in a quadrant of a parent.
+impl ChildSummary {
+    /// Takes the summary of the child in a quadrant out of a parent again.
     pub fn cut(lattice: &Lattice, blocks: &Blocks, quadrant: u8, errors: Errors, range: ValueRange) -> Self {
         let half = lattice.n / 2;
         let (x, y) = (usize::from(quadrant & 1) * half, usize::from(quadrant >> 1) * half);
@@ -50,14 +52,14 @@ impl Quarter {
         }
     }
 
-    /// The errors alone: the rest has been placed.
+    /// The errors alone, when samples and blocks have been copied into the parent.
     pub fn into_errors(self, buffers: &Buffers) -> Errors {
         buffers.lattices.give(self.lattice.n, self.lattice);
         buffers.blocks.give(self.blocks.n, self.blocks);
         self.errors
     }
 
-    /// The quarter as bytes.
+    /// The summary as bytes.
     pub fn encode(&self) -> Result<Vec<u8>> {
         let mut out = Writer::default();
         out.integers(&self.lattice.code);
@@ -82,7 +84,7 @@ impl Quarter {
         out.packed()
     }
 
-    /// The inverse of [`Quarter::encode`], for the tiles of a plan.
+    /// The inverse of [`ChildSummary::encode`], for the tiles of a plan.
     pub fn decode(packed: &[u8], plan: &Plan) -> Result<Self> {
         let (n, coding) = (plan.pyramid.tile, plan.recipe.coding);
         let half = n / 2;
@@ -145,10 +147,10 @@ impl Square {
     }
 }
 
-/// The border samples of a tile as bytes: all that its neighbours look at, above the leaves.
-pub fn encode_rim(lattice: &Lattice) -> Result<Vec<u8>> {
+/// The border samples of a tile as bytes. Above the leaves, neighbours look at nothing else.
+pub fn encode_border(lattice: &Lattice) -> Result<Vec<u8>> {
     let mut out = Writer::default();
-    for index in rim(lattice.n) {
+    for index in border(lattice.n) {
         out.bytes(&lattice.code[index].to_le_bytes());
         out.bytes(&lattice.low_at(index).to_le_bytes());
         out.bytes(&[lattice.state[index]]);
@@ -156,13 +158,13 @@ pub fn encode_rim(lattice: &Lattice) -> Result<Vec<u8>> {
     out.packed()
 }
 
-/// The inverse of [`encode_rim`]: a lattice that is void within.
-pub fn decode_rim(packed: &[u8], plan: &Plan) -> Result<Lattice> {
+/// The inverse of [`encode_border`]: a lattice that is void within.
+pub fn decode_border(packed: &[u8], plan: &Plan) -> Result<Lattice> {
     let (n, coding) = (plan.pyramid.tile, plan.recipe.coding);
     let bytes = unpacked(packed, n)?;
     let mut from = Reader::new(&bytes);
     let mut lattice = Lattice::new(n, coding);
-    for index in rim(n) {
+    for index in border(n) {
         lattice.code[index] = from.word()? as i32;
         let low = from.word()?;
         if let Some(to) = lattice.low.get_mut(index) {
@@ -175,7 +177,7 @@ pub fn decode_rim(packed: &[u8], plan: &Plan) -> Result<Lattice> {
 }
 
 /// Indices of the border samples.
-fn rim(n: usize) -> impl Iterator<Item = usize> {
+fn border(n: usize) -> impl Iterator<Item = usize> {
     let last = n * (n + 1);
     let sides = (1..n).flat_map(move |y| [y * (n + 1), y * (n + 1) + n]);
     (0..=n).chain(sides).chain(last..=last + n)

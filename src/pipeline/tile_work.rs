@@ -1,4 +1,5 @@
-//! One tile on its way through a level: assembled, filled, measured, encoded, halved.
+//! [`TileWork`]: one tile on its way through a level. It is assembled, filled, measured, encoded
+//! and halved.
 
 use crate::codec::height::Fills;
 use crate::codec::table::ErrorTable;
@@ -10,19 +11,19 @@ use crate::gaps;
 use crate::patch::blocks::{Blocks, occupied};
 use crate::patch::{Errors, TileGeometry, inherit};
 use crate::pipeline::buffers::{Buffers, Lent};
+use crate::pipeline::child_summary::ChildSummary;
 use crate::pipeline::odd;
 use crate::pipeline::plan::Plan;
-use crate::pipeline::quarter::Quarter;
 use crate::pipeline::value_range::ValueRange;
 use crate::sample::{Lattice, VALID};
 use crate::tile::{TileId, downsample};
 use crate::writer::{TileChunks, TileRecord};
 
-/// A tile before its own turn: its lattice, and what its children left for it.
-pub struct Work {
+/// A tile that is not finished: its lattice, and what its children left for it.
+pub struct TileWork {
     /// Samples.
     pub lattice: Lattice,
-    /// Children's errors, and blocks put together from theirs; `None` for a leaf.
+    /// Errors and blocks of its children; `None` for a leaf.
     below: Option<Below>,
 }
 
@@ -57,15 +58,15 @@ pub struct Census {
     pub values: Option<[ValueRange; 2]>,
 }
 
-impl Work {
+impl TileWork {
     /// A leaf tile.
     pub fn leaf(lattice: Lattice) -> Self {
         Self { lattice, below: None }
     }
 
     /// The parent of up to four finished tiles; `None` if there are none.
-    pub fn parent(quarters: [Option<Quarter>; 4], plan: &Plan, buffers: &Buffers) -> Option<Self> {
-        if quarters.iter().all(Option::is_none) {
+    pub fn parent(summaries: [Option<ChildSummary>; 4], plan: &Plan, buffers: &Buffers) -> Option<Self> {
+        if summaries.iter().all(Option::is_none) {
             return None;
         }
         let (mut lattice, mut blocks) =
@@ -75,34 +76,42 @@ impl Work {
         let mut range = ValueRange::EMPTY;
         let mut children = 0;
         let mut quadrant = 0;
-        let errors = quarters.map(|quarter| {
+        let errors = summaries.map(|summary| {
             let place = quadrant;
             quadrant += 1;
-            let quarter = quarter?;
-            downsample::place(&quarter.lattice, place, &mut lattice);
-            blocks.place(&quarter.blocks, place);
-            range = range.join(quarter.range);
+            let summary = summary?;
+            downsample::place(&summary.lattice, place, &mut lattice);
+            blocks.place(&summary.blocks, place);
+            range = range.join(summary.range);
             children |= 1 << place;
-            Some(quarter.into_errors(buffers))
+            Some(summary.into_errors(buffers))
         });
         Some(Self { lattice, below: Some(Below { blocks, errors, range, children }) })
     }
 
-    /// Quadrants that [`Work::parent`] was given quarters for; none if the tile is finished, or a leaf.
+    /// Quadrants that [`TileWork::parent`] was given summaries for; none if the tile is finished,
+    /// or a leaf.
     pub fn quadrants(&self) -> impl Iterator<Item = u8> {
         let children = self.below.as_ref().map_or(0, |below| below.children);
         (0..4).filter(move |quadrant| children >> quadrant & 1 == 1)
     }
 
-    /// What [`Work::parent`] was given for a quadrant, taken out again: for a tile that is to be finished elsewhere.
-    pub fn quarter(&self, quadrant: u8) -> Option<Quarter> {
+    /// The summary that [`TileWork::parent`] was given for a quadrant, for a tile that will be
+    /// finished elsewhere.
+    pub fn summary(&self, quadrant: u8) -> Option<ChildSummary> {
         let below = self.below.as_ref()?;
         let errors = below.errors[usize::from(quadrant)].clone()?;
-        Some(Quarter::cut(&self.lattice, &below.blocks, quadrant, errors, below.range))
+        Some(ChildSummary::cut(&self.lattice, &below.blocks, quadrant, errors, below.range))
     }
 
-    /// Measures, encodes and halves the tile, whose fills are in place. The quarter is for the parent.
-    pub fn finish(&mut self, id: TileId, plan: &Plan, lent: &mut Lent<'_>) -> Result<(Finished, Quarter)> {
+    /// Measures, encodes and halves the tile, whose fills are in place. Returns the tile and its
+    /// summary for the parent.
+    pub fn finish(
+        &mut self,
+        id: TileId,
+        plan: &Plan,
+        lent: &mut Lent<'_>,
+    ) -> Result<(Finished, ChildSummary)> {
         let Lent { scratch, chunks, owner: buffers } = lent;
         let coding = plan.recipe.coding;
         let geometry = plan.geometry(id);
@@ -110,7 +119,8 @@ impl Work {
         let below = self.below.take();
         let fills = if below.is_none() { Fills::Beside } else { Fills::Any };
         if below.is_none() {
-            // Nobody sees the samples without a height, but bounds of what is seen are sharper where they do not stick out.
+            // Samples without a height are never drawn. The bounds of what is drawn are sharper if
+            // they do not stick out.
             let Lattice { n, code, state, .. } = &mut self.lattice;
             gaps::bridge_unfilled(code, state, *n + 1);
         }
@@ -144,9 +154,9 @@ impl Work {
         };
         let mut lattice = buffers.lattices.take(plan.pyramid.tile / 2);
         downsample::halve(&self.lattice, &mut lattice);
-        let quarter = Quarter { lattice, blocks, errors, range };
+        let summary = ChildSummary { lattice, blocks, errors, range };
         let census = census(&self.lattice, valid, id, plan);
-        Ok((Finished { record, chunks: chunks.clone(), table, occupied, census }, quarter))
+        Ok((Finished { record, chunks: chunks.clone(), table, occupied, census }, summary))
     }
 
     /// Patches with a valid sample in or below them, blocks for the parent, and errors.
@@ -183,12 +193,13 @@ impl Work {
     }
 }
 
-/// Counts the tile's own samples; `range` is that of the valid ones. Neighbours share a column and a row: it belongs to the tile that starts with it.
+/// Counts the tile's own samples; `range` is that of the valid ones. A column or row that two tiles
+/// share belongs to the tile that starts with it.
 fn census(lattice: &Lattice, range: ValueRange, id: TileId, plan: &Plan) -> Census {
     let last = (1_u32 << id.level) - 1;
     let (columns, rows) = (lattice.n + usize::from(id.x == last), lattice.n + usize::from(id.y == last));
     let row = |y: usize| &lattice.state[lattice.at(0, y)..lattice.at(0, y) + columns];
-    // No more at a time than a byte can count.
+    // As many at a time as a byte can count.
     let count = |run: &[u8]| u64::from(run.iter().map(|&state| u8::from(state == VALID)).sum::<u8>());
     let valid = (0..rows).flat_map(|y| row(y).chunks(usize::from(u8::MAX))).map(count).sum();
     let known = range.low <= range.high;

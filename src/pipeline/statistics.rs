@@ -1,4 +1,6 @@
-//! Statistics of a build: every stored error counted by its code, so that percentiles are exact and the order of tiles
+//! [`StatisticsBuilder`]: counts finished tiles for the statistics of the file.
+//!
+//! Every stored error is counted by its code, so that percentiles are exact and the order of tiles
 //! does not matter.
 
 use serde::{Deserialize, Serialize};
@@ -9,40 +11,41 @@ use crate::error_code::metres_from_code;
 use crate::patch::TileGeometry;
 use crate::pipeline::counts::Counts;
 use crate::pipeline::plan::Plan;
+use crate::pipeline::tile_work::Finished;
 use crate::pipeline::value_range::ValueRange;
-use crate::pipeline::work::Finished;
 
 /// The counts of all levels.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Tally {
-    levels: Vec<LevelTally>,
-    /// ValueRange of the values of all leaves, and of those that do not look like void; `None` while there are none.
+pub struct StatisticsBuilder {
+    levels: Vec<LevelBuilder>,
+    /// ValueRange of the values of all leaves, and of those that do not look like void; `None`
+    /// while there are none.
     #[serde(default)]
     values: [Option<(f64, f64)>; 2],
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct LevelTally {
+struct LevelBuilder {
     tiles: u64,
     patches: u64,
     valid: u64,
     range_m: Option<(f64, f64)>,
     bytes: [u64; 3],
-    steps: Vec<StepTally>,
+    steps: Vec<StepBuilder>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct StepTally {
+struct StepBuilder {
     spacing_m: [f64; 2],
     vertical: Counts,
     horizontal: Counts,
 }
 
-impl Tally {
+impl StatisticsBuilder {
     /// Nothing counted yet.
     pub fn new(plan: &Plan) -> Self {
         let steps = plan.patch.trailing_zeros() as usize + 1;
-        let level = || LevelTally { steps: vec![StepTally::default(); steps], ..LevelTally::default() };
+        let level = || LevelBuilder { steps: vec![StepBuilder::default(); steps], ..LevelBuilder::default() };
         Self { levels: (0..=plan.pyramid.levels).map(|_| level()).collect(), values: [None; 2] }
     }
 
@@ -75,7 +78,8 @@ impl Tally {
         }
     }
 
-    /// Adds what another build has counted, of tiles of its own. False, and nothing done, if it is of other levels or steps.
+    /// Adds what another build has counted, of tiles of its own. False, and nothing done, if it is
+    /// of other levels or steps.
     #[must_use]
     pub fn join(&mut self, other: &Self) -> bool {
         let alike = self.levels.len() == other.levels.len()
@@ -108,7 +112,7 @@ impl Tally {
                 heights_bytes: level.bytes[0],
                 masks_bytes: level.bytes[1],
                 errors_bytes: level.bytes[2],
-                steps: level.steps.iter().map(StepTally::statistics).collect(),
+                steps: level.steps.iter().map(StepBuilder::statistics).collect(),
             }
         });
         Statistics { levels: levels.collect() }
@@ -124,7 +128,7 @@ fn join_ranges(ranges: &mut [Option<(f64, f64)>; 2], others: [Option<(f64, f64)>
     }
 }
 
-impl LevelTally {
+impl LevelBuilder {
     fn join(&mut self, other: &Self) {
         self.tiles += other.tiles;
         self.patches += other.patches;
@@ -149,7 +153,7 @@ impl LevelTally {
     }
 }
 
-impl StepTally {
+impl StepBuilder {
     fn statistics(&self) -> StepStatistics {
         StepStatistics {
             spacing_m: self.spacing_m,
@@ -202,21 +206,21 @@ mod tests {
     fn every_number_comes_back_from_a_state() {
         let odd = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -0.0, 5e-324, f64::MAX];
         for (low, high) in odd.into_iter().flat_map(|low| odd.map(|high| (low, high))) {
-            let mut step = StepTally { spacing_m: [low, high], ..StepTally::default() };
+            let mut step = StepBuilder { spacing_m: [low, high], ..StepBuilder::default() };
             step.vertical.add(u16::MAX, u64::MAX);
             step.horizontal.add(0, 1);
-            let level = LevelTally {
+            let level = LevelBuilder {
                 tiles: u64::MAX,
                 range_m: Some((low, high)),
                 bytes: [0, 1 << 53, u64::MAX],
                 steps: vec![step],
-                ..LevelTally::default()
+                ..LevelBuilder::default()
             };
-            let tally = Tally { levels: vec![level], values: [Some((low, high)), None] };
+            let statistics = StatisticsBuilder { levels: vec![level], values: [Some((low, high)), None] };
             let mut bytes = Vec::new();
-            ciborium::into_writer(&tally, &mut bytes).expect("bytes");
-            let back: Tally = ciborium::from_reader(&bytes[..]).expect("tally");
-            assert_eq!(format!("{back:?}"), format!("{tally:?}"));
+            ciborium::into_writer(&statistics, &mut bytes).expect("bytes");
+            let back: StatisticsBuilder = ciborium::from_reader(&bytes[..]).expect("statistics");
+            assert_eq!(format!("{back:?}"), format!("{statistics:?}"));
         }
     }
 }

@@ -1,7 +1,9 @@
-//! A build within a limit of memory: strips of columns one after the other, each a window of its own, then merged.
+//! A build within a limit of memory: strips of columns one after the other, each a window of its
+//! own, then a merge.
 //!
-//! Memory grows with the width of what is worked on at once. The strips lie as pieces in the work folder of the output; one that is
-//! finished is not built again when the build is resumed, and one that is not goes on from its own checkpoint.
+//! Memory grows with the width of what is built at once. Each pass makes a piece in the work folder
+//! of the output. When the build is resumed, a finished pass is not built again, and an unfinished
+//! one goes on from its own checkpoint.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -18,57 +20,59 @@ use crate::error::{Error, Result};
 use crate::progress::{Observer, Stage};
 use crate::rect::Rect;
 
-/// Columns of tiles on either side of a strip that are read with it.
+/// Columns of tiles on either side of a pass that are read with it.
 const HALO: u32 = 1;
 
-/// Builds the strips that are not there yet, and joins them.
+/// Runs the passes that are not finished yet, and joins their pieces.
 pub fn build(
     job: &Job<'_>,
     imagery: Option<&Imagery<'_>>,
     begun: Begun,
-    strips: Vec<Rect>,
+    passes: Vec<Rect>,
     start: Instant,
 ) -> Result<Report> {
     let new = begun.is_new();
     let (mut work, mut state) = begun.into_work();
     if new {
-        state.strips = strips;
-        // From here on there is something to resume.
+        state.passes = passes;
+        // From here on the build can be resumed.
         work.write_state(&state.encode()?)?;
     }
     let pieces: Vec<PathBuf> =
-        (0..state.strips.len()).map(|i| work.folder().join(format!("strip-{i:03}"))).collect();
-    for (i, (strip, piece)) in state.strips.iter().zip(&pieces).enumerate() {
+        (0..state.passes.len()).map(|i| work.folder().join(format!("strip-{i:03}"))).collect();
+    for (i, (pass, piece)) in state.passes.iter().zip(&pieces).enumerate() {
         if piece.is_dir() {
             continue;
         }
         let options = BuildOptions { resume: true, force: false, ..job.options.clone() };
-        let progress = Strip { observer: job.progress, before: i as u64, of: pieces.len() as u64 };
+        let progress = Pass { observer: job.progress, before: i as u64, of: pieces.len() as u64 };
         let largest = Some(state.largest);
         let mut job =
             Job { source: job.source, plan: job.plan.clone(), options: &options, progress: &progress };
-        let begun = Begun::new(&mut job, piece, strip.clone(), largest)?;
+        let begun = Begun::new(&mut job, piece, pass.clone(), largest)?;
         run::run(&job, begun)?.into_piece()?;
-        // The next strip decodes again what it shares with this one: to keep it for that would be to have it twice.
+        // The next pass decodes again what it shares with this one: keeping it would take the
+        // memory twice.
         job.source.release();
     }
     merge::join(&pieces, |_, _| Ok(work), imagery, job.options.strict, job.progress, start)
 }
 
-/// Numbers of strips that are tried: all up to 32, then each a little more, up to one for every column of tiles.
+/// Numbers of passes that are tried: all up to 32, then in growing steps, up to one for every
+/// column of tiles.
 fn counts(columns: u64) -> impl Iterator<Item = u64> {
     let next = move |&count: &u64| (count < columns).then(|| (count + 1 + count / 32).min(columns));
     std::iter::successors((columns >= 2).then_some(2), next)
 }
 
-/// Tells of the strips as of one build.
-struct Strip<'a> {
+/// Reports the progress of all passes as that of one build.
+struct Pass<'a> {
     observer: &'a dyn Observer,
     before: u64,
     of: u64,
 }
 
-impl Observer for Strip<'_> {
+impl Observer for Pass<'_> {
     fn rows(&self, stage: Stage, done: u64, total: u64) {
         self.observer.rows(stage, self.before * total + done, self.of * total);
     }
@@ -78,35 +82,37 @@ impl Observer for Strip<'_> {
     }
 }
 
-/// The windows to build one after the other so that none needs more than `limit` bytes: as few as possible, about equally wide.
+/// The windows to build one after the other so that none needs more than `limit` bytes: as few as
+/// possible, about equally wide.
 ///
 /// # Errors
-/// [`Error::Usage`] if that is not enough for a strip of one tile.
+/// [`Error::Usage`] if that is not enough for a pass of one column of tiles.
 pub fn windows(plan: &Plan, limit: Option<u64>) -> Result<Vec<Rect>> {
     let all = plan.pyramid.leaves();
     let columns = u64::from(all.columns.end);
     let Some(limit) = limit.filter(|&limit| memory::estimate(plan, &all.columns) > limit) else {
         return Ok(vec![all]);
     };
-    let narrowest = cut(plan, columns).iter().map(|strip| memory_beside(plan, &strip.columns)).max();
+    let narrowest = cut(plan, columns).iter().map(|pass| memory_beside(plan, &pass.columns)).max();
     if let Some(narrowest) = narrowest.filter(|&narrowest| narrowest > limit) {
         return Err(too_narrow(plan, narrowest));
     }
     let fitting = counts(columns).map(|count| cut(plan, count));
-    fitting.into_iter().find(|strips| memory_of(plan, strips) <= limit).ok_or_else(|| {
+    fitting.into_iter().find(|passes| memory_of(plan, passes) <= limit).ok_or_else(|| {
         too_little(plan, "it is joining the strips that takes it; allow that, or use smaller tiles")
     })
 }
 
-/// As many strips, about equally wide.
+/// The windows of `count` passes, about equally wide.
 fn cut(plan: &Plan, count: u64) -> Vec<Rect> {
     let all = plan.pyramid.leaves();
     let column = |i: u64| (u64::from(all.columns.end) * i / count) as u32;
-    let strip = |i| Rect { columns: column(i)..column(i + 1), rows: all.rows.clone() };
-    (0..count).map(strip).collect()
+    let pass = |i| Rect { columns: column(i)..column(i + 1), rows: all.rows.clone() };
+    (0..count).map(pass).collect()
 }
 
-/// Says the least memory that is enough at this width: narrow strips take little, but many of them are more to join.
+/// The error that names the least memory that is enough. Narrow passes take little, but joining
+/// many takes more.
 fn too_little(plan: &Plan, why: &str) -> Error {
     let columns = u64::from(plan.pyramid.leaves().columns.end);
     let of_strips = counts(columns).map(|count| memory_of(plan, &cut(plan, count)));
@@ -117,7 +123,7 @@ fn too_little(plan: &Plan, why: &str) -> Error {
     ))
 }
 
-/// Not even a strip of one tile is within the limit.
+/// The error if a pass of one column of tiles takes more than the limit.
 fn too_narrow(plan: &Plan, narrowest: u64) -> Error {
     let reading = memory::of_reading(plan, &(0..2 * HALO + 1));
     if reading <= narrowest / 2 {
@@ -133,23 +139,23 @@ fn too_narrow(plan: &Plan, narrowest: u64) -> Error {
     )
 }
 
-/// [`memory::estimate`] of a strip, with the columns beside it that are read with it.
-fn memory_beside(plan: &Plan, strip: &Range<u32>) -> u64 {
-    memory::estimate(plan, &(strip.start.saturating_sub(HALO)..strip.end + HALO))
+/// [`memory::estimate`] of a pass, with the columns beside it that are read with it.
+fn memory_beside(plan: &Plan, pass: &Range<u32>) -> u64 {
+    memory::estimate(plan, &(pass.start.saturating_sub(HALO)..pass.end + HALO))
 }
 
-/// Bytes of memory that a build in these strips takes at most; none, or a single one: in one go.
-pub fn memory_of(plan: &Plan, strips: &[Rect]) -> u64 {
-    if strips.len() < 2 {
+/// Bytes of memory that a build in these passes takes at most. None or one: a build in one go.
+pub fn memory_of(plan: &Plan, passes: &[Rect]) -> u64 {
+    if passes.len() < 2 {
         return memory::estimate(plan, &plan.pyramid.leaves().columns);
     }
-    let widest = strips.iter().map(|strip| memory_beside(plan, &strip.columns)).max();
-    widest.unwrap_or(0).max(memory::of_merge(plan, strips))
+    let widest = passes.iter().map(|pass| memory_beside(plan, &pass.columns)).max();
+    widest.unwrap_or(0).max(memory::of_merge(plan, passes))
 }
 
-/// Fails if a build that was begun in these strips (none: in one go) takes more than `limit`.
-pub fn check_limit(plan: &Plan, strips: &[Rect], limit: Option<u64>) -> Result<()> {
-    let needed = memory_of(plan, strips);
+/// Fails if a build that was begun in these passes (none: in one go) takes more than `limit`.
+pub fn check_limit(plan: &Plan, passes: &[Rect], limit: Option<u64>) -> Result<()> {
+    let needed = memory_of(plan, passes);
     if limit.is_none_or(|limit| needed <= limit) {
         return Ok(());
     }

@@ -1,8 +1,10 @@
-//! What a build leaves for another: quarters whose parent it cannot finish, and the rims of tiles that others look at.
+//! What a window leaves for a merge: child summaries whose parent it cannot finish, and the borders
+//! of tiles that tiles outside the window look at.
 //!
-//! [`SeamFile`] is where they are written, item by item, in the work folder; [`Seams`] is where they are found again, by level and
-//! row of tiles, wherever they lie: in the files of several pieces, or in the state of a build that is resumed. An item is a head of
-//! 18 bytes (kind, level, column, row, length, CRC; little endian) and a frame.
+//! [`CarryFile`] is where these items are written, in the work folder. [`Carried`] finds them
+//! again, by level and row of tiles, in the files of several pieces or in the state of a build that
+//! is resumed. An item is a head of 18 bytes (kind, level, column, row, length, CRC; little endian)
+//! and a zstd frame.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -13,49 +15,49 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::pipeline::bytes::Reader;
+use crate::pipeline::child_summary::{self, ChildSummary};
 use crate::pipeline::plan::Plan;
-use crate::pipeline::quarter::{self, Quarter};
-use crate::pipeline::work::Work;
+use crate::pipeline::tile_work::TileWork;
 use crate::sample::Lattice;
 use crate::tile::TileId;
 
 const HEAD: usize = 18;
-/// A frame is never longer: a tile of 1024 intervals, unpacked.
+/// Bytes of a frame, at most: a tile of 1024 intervals, not compressed.
 const MOST: usize = 64 << 20;
-/// Items that are in memory as bytes at a time.
+/// Items that are encoded before they are written: as many are in memory as bytes.
 pub const AT_ONCE: usize = 16;
 
 /// What an item is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Kind {
-    /// A [`Quarter`] of the tile, for its parent.
-    Quarter,
+    /// The [`ChildSummary`] of the tile.
+    Summary,
     /// The tile's border samples.
-    Rim,
+    Border,
 }
 
 /// An item before it is written.
 pub enum Item<'a> {
     /// What a finished tile leaves for its parent.
-    Quarter(TileId, &'a Quarter),
+    Summary(TileId, &'a ChildSummary),
     /// The same, taken out of its parent, which is not finished.
-    Part(TileId, &'a Work),
-    /// The rim of a finished tile.
-    Rim(TileId, &'a Lattice),
+    Part(TileId, &'a TileWork),
+    /// The border of a finished tile.
+    Border(TileId, &'a Lattice),
 }
 
 impl Item<'_> {
-    /// Head and frame.
+    /// The item as bytes: head and frame.
     pub fn encode(&self) -> Result<Vec<u8>> {
         let (kind, id, frame) = match self {
-            Self::Quarter(id, quarter) => (Kind::Quarter, id, quarter.encode()?),
+            Self::Summary(id, summary) => (Kind::Summary, id, summary.encode()?),
             Self::Part(id, parent) => {
                 let quadrant = (id.y % 2 * 2 + id.x % 2) as u8;
-                let quarter = parent.quarter(quadrant);
-                let quarter = quarter.ok_or_else(|| Error::usage(format!("tile {id} has left nothing")))?;
-                (Kind::Quarter, id, quarter.encode()?)
+                let summary = parent.summary(quadrant);
+                let summary = summary.ok_or_else(|| Error::usage(format!("tile {id} has left nothing")))?;
+                (Kind::Summary, id, summary.encode()?)
             }
-            Self::Rim(id, lattice) => (Kind::Rim, id, quarter::encode_rim(lattice)?),
+            Self::Border(id, lattice) => (Kind::Border, id, child_summary::encode_border(lattice)?),
         };
         let mut out = Vec::with_capacity(HEAD + frame.len());
         out.extend_from_slice(&[kind as u8, id.level]);
@@ -67,7 +69,7 @@ impl Item<'_> {
     }
 }
 
-/// Gives `put` items as bytes, in their order; some at a time are encoded on all threads.
+/// Hands items to `put` as bytes, in their order. [`AT_ONCE`] at a time are encoded on all threads.
 pub fn encode_each(items: &[Item<'_>], put: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
     for items in items.chunks(AT_ONCE) {
         let parts = items.par_iter().map(Item::encode).collect::<Result<Vec<_>>>()?;
@@ -76,14 +78,14 @@ pub fn encode_each(items: &[Item<'_>], put: &mut dyn FnMut(&[u8]) -> Result<()>)
     Ok(())
 }
 
-/// A file that items are appended to.
-pub struct SeamFile {
+/// The file in the work folder that items are appended to.
+pub struct CarryFile {
     path: PathBuf,
     file: BufWriter<File>,
     end: u64,
 }
 
-impl SeamFile {
+impl CarryFile {
     /// Begins a file.
     pub fn create(path: PathBuf) -> Result<Self> {
         let file = File::create(&path).map_err(|source| Error::io(&path, "write it", source))?;
@@ -95,14 +97,14 @@ impl SeamFile {
         encode_each(items, &mut |bytes| self.put(bytes))
     }
 
-    /// Appends an item that is encoded.
+    /// Appends an item that has been encoded.
     pub fn put(&mut self, bytes: &[u8]) -> Result<()> {
         self.file.write_all(bytes).map_err(|source| Error::io(&self.path, "write it", source))?;
         self.end += bytes.len() as u64;
         Ok(())
     }
 
-    /// Writes out what is buffered; gives the length and a handle to sync.
+    /// Writes out what is buffered. Returns the length of the file, and a handle to sync it by.
     pub fn mark(&mut self) -> Result<(u64, File)> {
         let failed = |source| Error::io(&self.path, "write it", source);
         self.file.flush().map_err(failed)?;
@@ -119,15 +121,15 @@ struct Place {
     crc: u32,
 }
 
-/// Items by kind, level and row.
+/// The items that other builds have left, by kind, level and row of tiles.
 #[derive(Default)]
-pub struct Seams {
+pub struct Carried {
     files: Vec<(PathBuf, File)>,
     rows: BTreeMap<(Kind, u8, u32), Vec<Place>>,
 }
 
-impl Seams {
-    /// Finds the items between two offsets of a file.
+impl Carried {
+    /// Adds the items between two offsets of a file.
     pub fn add(&mut self, path: &Path, from: u64, to: u64) -> Result<()> {
         let mut file = crate::file::open(path).map_err(|source| Error::io(path, "open", source))?;
         let number = self.files.len();
@@ -152,8 +154,8 @@ impl Seams {
     fn head(head: &[u8; HEAD], file: usize, at: u64) -> Result<((Kind, u8, u32), Place)> {
         let mut from = Reader::new(&head[2..]);
         let kind = match head[0] {
-            0 => Kind::Quarter,
-            1 => Kind::Rim,
+            0 => Kind::Summary,
+            1 => Kind::Border,
             other => return Err(Error::format(format!("item at offset {at}"), "kind 0 or 1", other)),
         };
         let (x, y) = (from.word()?, from.word()?);
@@ -161,14 +163,14 @@ impl Seams {
         Ok(((kind, head[1], y), Place { x, file, offset: at + HEAD as u64, length, crc }))
     }
 
-    /// Quarters of the tiles of a row, from west to east; they are gone then.
-    pub fn take_quarters(&mut self, level: u8, y: u32, plan: &Plan) -> Result<Vec<(u32, Quarter)>> {
-        self.take((Kind::Quarter, level, y), |frame| Quarter::decode(frame, plan))
+    /// Summaries of the tiles of a row, from west to east; they are gone then.
+    pub fn take_summaries(&mut self, level: u8, y: u32, plan: &Plan) -> Result<Vec<(u32, ChildSummary)>> {
+        self.take((Kind::Summary, level, y), |frame| ChildSummary::decode(frame, plan))
     }
 
     /// Rims of the tiles of a row.
-    pub fn take_rims(&mut self, level: u8, y: u32, plan: &Plan) -> Result<Vec<(u32, Lattice)>> {
-        self.take((Kind::Rim, level, y), |frame| quarter::decode_rim(frame, plan))
+    pub fn take_borders(&mut self, level: u8, y: u32, plan: &Plan) -> Result<Vec<(u32, Lattice)>> {
+        self.take((Kind::Border, level, y), |frame| child_summary::decode_border(frame, plan))
     }
 
     fn take<T: Send>(
@@ -187,7 +189,7 @@ impl Seams {
                 let what = format!("item at offset {}", place.offset);
                 return Err(Error::format(what, "the bytes that were written", "others").at(path));
             }
-            // A rim may have been left twice: the same both times.
+            // Two pieces may have left the same border.
             frames.insert(place.x, (frame, place.file));
         }
         let frames: Vec<_> = frames.into_iter().collect();
