@@ -17,7 +17,7 @@ use relevo_viewer::settings::{self, Coordinates, Lod, Settings};
 use relevo_viewer::window;
 
 const AFTER: &str = "\
-Keys of the window: H or F1 shows them.
+Keys of the window: H or F1 shows them, Tab closes and opens the panel.
 
 A camera path is JSON:
   { \"fov\": 50,

@@ -9,29 +9,30 @@ use crate::camera::{FOV, Mode, Rig};
 use crate::gpu::Paint;
 use crate::stage::PAINTS;
 
-/// What the help says.
-pub const HELP: &[&str] = &[
-    "W A S D   fly ahead, left, back, right",
-    "Q E       down, up          Shift  5 times as fast",
-    "drag      look round (orbit: go round)",
-    "right     drag the ground along",
-    "wheel     nearer, farther",
-    "Home      the whole terrain, as at the start",
-    "O         orbit or fly",
-    "- +       tolerance in pixels",
-    "[ ]       exaggeration of heights",
-    "1         imagery or tint, shaded",
-    "2         tint, shaded",
-    "3         level of the tile",
-    "4         step of the patch",
-    "5         projected error: blue 0, red the tolerance",
-    "F  B      wireframe, borders of tiles",
-    "L         freeze what is selected",
-    "P         picture to a file",
-    "R         record the camera path to a file, on and off",
-    #[cfg(feature = "ui")]
-    "Tab       panel on and off",
-    "H F1      this help         Esc  quit",
+/// The help: keys, and what they do.
+pub const HELP: &[(&str, &str)] = &[
+    ("W A S D", "fly ahead, left, back, right"),
+    ("Q E", "fly down, up"),
+    ("Shift", "fly 5 times as fast"),
+    ("drag", "look round (orbit: go round)"),
+    ("right drag", "drag the ground along"),
+    ("wheel", "nearer, farther"),
+    ("Home", "the whole terrain, as at the start"),
+    ("O", "orbit or fly"),
+    ("- +", "tolerance in pixels"),
+    ("[ ]", "exaggeration of heights"),
+    ("1", "imagery or tint, shaded"),
+    ("2", "tint, shaded"),
+    ("3", "level of the tile"),
+    ("4", "step of the patch"),
+    ("5", "projected error: blue 0, red the tolerance"),
+    ("F B", "wireframe, borders of tiles"),
+    ("L", "freeze what is selected"),
+    ("P", "picture to a file"),
+    ("R", "record the camera path to a file, on and off"),
+    ("Tab", "panel on and off"),
+    ("H F1", "this help"),
+    ("Esc", "quit"),
 ];
 
 /// What a key asks for once.
@@ -62,7 +63,6 @@ pub enum Command {
     /// The view of the start.
     Home,
     /// Panel on or off.
-    #[cfg(feature = "ui")]
     Panel,
 }
 
@@ -75,7 +75,6 @@ pub fn command(key: &Key) -> Option<Command> {
         Key::Named(NamedKey::Escape) => return Some(Command::Quit),
         Key::Named(NamedKey::F1) => return Some(Command::Help),
         Key::Named(NamedKey::Home) => return Some(Command::Home),
-        #[cfg(feature = "ui")]
         Key::Named(NamedKey::Tab) => return Some(Command::Panel),
         Key::Character(text) => text.to_lowercase(),
         _ => return None,

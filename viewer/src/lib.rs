@@ -7,7 +7,6 @@ pub mod cache;
 pub mod camera;
 pub mod canvas;
 pub mod flyover;
-pub mod font;
 pub mod governor;
 pub mod gpu;
 pub mod headless;
@@ -15,8 +14,6 @@ pub mod input;
 pub mod known;
 pub mod loader;
 pub mod metrics;
-pub mod overlay;
-#[cfg(feature = "ui")]
 pub mod panel;
 pub mod path;
 pub mod pool;

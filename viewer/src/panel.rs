@@ -1,9 +1,13 @@
-//! A panel over the picture, with the feature `ui`: what the keys do, for the mouse.
+//! The interface over the picture, drawn with egui: controls and figures, the help of keys, messages.
+//!
+//! [`Panel`] takes the events of a window; `contents` lays out what is seen; `painter` draws it.
+
+mod contents;
+mod painter;
 
 use std::time::Duration;
 
-use egui::{Align2, Checkbox, Context, Grid, Order, Slider, SliderClamping, Ui, ViewportId};
-use egui_wgpu::{Renderer, RendererOptions, ScreenDescriptor};
+use egui::{Context, Order, ViewportId};
 use relevo_core::Result;
 use winit::dpi::PhysicalPosition;
 use winit::event::{ElementState, WindowEvent};
@@ -15,15 +19,8 @@ use crate::canvas::Canvas;
 use crate::gpu::{Gpu, Look};
 use crate::input::Command;
 use crate::metrics::Figures;
-use crate::stage::PAINTS;
+use painter::Painter;
 
-/// Pixels and factors of the sliders.
-const RANGE: std::ops::RangeInclusive<f64> = 0.1..=20.0;
-/// Width of the panel, and its distance from the window's sides, in points.
-const WIDTH: f32 = 210.0;
-const MARGIN: f32 = 6.0;
-/// Height of its title and its border, in points.
-const TITLE: f32 = 50.0;
 /// A frame that the panel wants within this time is drawn even while the picture rests.
 const SOON: Duration = Duration::from_millis(100);
 
@@ -44,8 +41,10 @@ pub struct State<'a> {
     pub mode: Mode,
     /// The help is shown.
     pub help: bool,
-    /// Of the last frames.
+    /// Figures of the last frames.
     pub figures: Figures,
+    /// Lines in the lower left corner.
+    pub messages: &'a [String],
 }
 
 /// What was asked for in the panel.
@@ -63,7 +62,7 @@ pub enum Change {
 pub struct Panel {
     context: Context,
     events: egui_winit::State,
-    renderer: Renderer,
+    painter: Painter,
     open: bool,
     /// It may look otherwise than it was drawn.
     stale: bool,
@@ -75,17 +74,13 @@ pub struct Panel {
 impl Panel {
     /// Open, for targets of a format.
     pub fn new(gpu: &Gpu, format: wgpu::TextureFormat, window: &Window) -> Result<Self> {
-        let context = Context::default();
-        context.set_theme(egui::Theme::Dark);
-        // Plus and minus are the tolerance.
-        context.options_mut(|options| options.zoom_with_keyboard = false);
+        let context = context();
         let side = gpu.device.limits().max_texture_dimension_2d as usize;
         let scale = Some(window.scale_factor() as f32);
         let events =
             egui_winit::State::new(context.clone(), ViewportId::ROOT, window, scale, None, Some(side));
-        let renderer = Renderer::new(&gpu.device, format, RendererOptions::default());
-        gpu.check()?;
-        Ok(Self { context, events, renderer, open: true, stale: true, pointer: None, over: false })
+        let painter = Painter::new(gpu, format)?;
+        Ok(Self { context, events, painter, open: true, stale: true, pointer: None, over: false })
     }
 
     /// Open or closed.
@@ -148,7 +143,7 @@ impl Panel {
         layer.is_some_and(|layer| layer.order != Order::Background)
     }
 
-    /// Draws it over what the target shows; what was asked for in it.
+    /// Draws it over what the target shows; returns what the user has changed in it.
     pub fn draw(
         &mut self,
         gpu: &Gpu,
@@ -158,148 +153,23 @@ impl Panel {
     ) -> Result<Vec<Change>> {
         let input = self.events.take_egui_input(canvas.window());
         let mut changes = Vec::new();
-        let output = self.context.run_ui(input, |ui| {
-            if self.open {
-                changes.extend(show(ui.ctx(), state));
-            }
+        let mut output = self.context.run_ui(input, |ui| {
+            changes.extend(contents::show(ui.ctx(), state, self.open));
         });
         let soon = output.viewport_output.values().any(|viewport| viewport.repaint_delay < SOON);
         self.stale = soon || !changes.is_empty();
-        self.events.handle_platform_output(canvas.window(), output.platform_output);
-        // All of them, in any case: the next frame does not tell of them again.
-        let mut textures = output.textures_delta;
-        for (id, deltas) in textures.set.drain() {
-            for delta in &deltas {
-                self.renderer.update_texture(&gpu.device, &gpu.queue, id, delta);
-            }
-        }
-        let (width, height) = canvas.size();
-        let screen =
-            ScreenDescriptor { size_in_pixels: [width, height], pixels_per_point: output.pixels_per_point };
-        let meshes = self.context.tessellate(output.shapes, output.pixels_per_point);
-        if !meshes.is_empty() {
-            self.paint(gpu, &meshes, &screen, target);
-        }
-        textures.free.drain().for_each(|id| self.renderer.free_texture(&id));
-        gpu.check()?;
+        let platform = std::mem::take(&mut output.platform_output);
+        self.events.handle_platform_output(canvas.window(), platform);
+        self.painter.draw(gpu, &self.context, output, target, canvas.size())?;
         Ok(changes)
     }
-
-    fn paint(
-        &mut self,
-        gpu: &Gpu,
-        meshes: &[egui::ClippedPrimitive],
-        screen: &ScreenDescriptor,
-        target: &wgpu::TextureView,
-    ) {
-        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let more = self.renderer.update_buffers(&gpu.device, &gpu.queue, &mut encoder, meshes, screen);
-        let attachment = wgpu::RenderPassColorAttachment {
-            view: target,
-            depth_slice: None,
-            resolve_target: None,
-            ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
-        };
-        {
-            let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-                label: Some("panel"),
-                color_attachments: &[Some(attachment)],
-                ..Default::default()
-            });
-            self.renderer.render(&mut pass.forget_lifetime(), meshes, screen);
-        }
-        gpu.queue.submit(more.into_iter().chain([encoder.finish()]));
-    }
 }
 
-/// The panel in the upper right corner; it scrolls if the window is too low for it.
-fn show(context: &Context, state: &State<'_>) -> Vec<Change> {
-    let window = egui::Window::new("Relevo").anchor(Align2::RIGHT_TOP, [-MARGIN, MARGIN]).auto_sized();
-    let room = (context.viewport_rect().height() - TITLE - 2.0 * MARGIN).max(1.0);
-    let shown = window.show(context, |ui| {
-        let mut changes = Vec::new();
-        ui.set_width(WIDTH);
-        // As high as its contents if there is room; otherwise egui keeps the height that a lower window once had.
-        let scroll = egui::ScrollArea::vertical().max_height(room).min_scrolled_height(room);
-        scroll.show(ui, |ui| {
-            ui.add(egui::Label::new(egui::RichText::new(state.name).strong()).truncate());
-            numbers(ui, state, &mut changes);
-            ui.separator();
-            switches(ui, state, &mut changes);
-            ui.separator();
-            figures(ui, &state.figures);
-        });
-        changes
-    });
-    shown.and_then(|shown| shown.inner).unwrap_or_default()
-}
-
-fn numbers(ui: &mut Ui, state: &State<'_>, changes: &mut Vec<Change>) {
-    let mut number = |name: &str, unit: &str, now: f64, change: fn(f64) -> Change| {
-        let mut value = now;
-        ui.label(name);
-        // What the keys have set beyond the range stays until it is pulled.
-        let slider = Slider::new(&mut value, RANGE)
-            .logarithmic(true)
-            .clamping(SliderClamping::Edits)
-            .max_decimals(2)
-            .suffix(unit);
-        if ui.add(slider).changed() && value.is_finite() {
-            changes.push(change(value));
-        }
-    };
-    number("Tolerance", " px", state.tolerance, Change::Tolerance);
-    number("Exaggeration", "", state.exaggeration, Change::Exaggeration);
-}
-
-fn switches(ui: &mut Ui, state: &State<'_>, changes: &mut Vec<Change>) {
-    ui.label("Colours");
-    ui.horizontal_wrapped(|ui| {
-        for (name, paint) in PAINTS {
-            if ui.radio(state.look.paint == paint, name).clicked() && state.look.paint != paint {
-                changes.push(Change::Obey(Command::Paint(paint)));
-            }
-        }
-    });
-    ui.label("Camera");
-    ui.horizontal(|ui| {
-        for (name, mode) in [("fly", Mode::Fly), ("orbit", Mode::Orbit)] {
-            if ui.radio(state.mode == mode, name).clicked() && state.mode != mode {
-                changes.push(Change::Obey(Command::Mode));
-            }
-        }
-    });
-    let switches = [
-        ("Wireframe", state.look.wireframe, Command::Wireframe),
-        ("Borders of tiles", state.look.borders, Command::Borders),
-        ("Freeze the selection", state.frozen, Command::Freeze),
-        ("Help", state.help, Command::Help),
-    ];
-    for (name, mut on, command) in switches {
-        if ui.add(Checkbox::new(&mut on, name)).changed() {
-            changes.push(Change::Obey(command));
-        }
-    }
-    if ui.button("Picture to a file").clicked() {
-        changes.push(Change::Obey(Command::Screenshot));
-    }
-}
-
-fn figures(ui: &mut Ui, figures: &Figures) {
-    let rows = [
-        ("Frames a second", format!("{:.0}", figures.fps)),
-        ("Tiles", figures.tiles.to_string()),
-        ("Patches", figures.patches.to_string()),
-        ("Triangles", figures.triangles.to_string()),
-        ("Memory", format!("{:.0} MB", figures.megabytes)),
-        ("Promised error", format!("{:.2} of {:.2} px", figures.promised, figures.tolerance)),
-        ("Still to load", figures.pending.to_string()),
-    ];
-    Grid::new("figures").num_columns(2).show(ui, |ui| {
-        for (name, value) in rows {
-            ui.label(name);
-            ui.monospace(value);
-            ui.end_row();
-        }
-    });
+/// An egui context as the viewer uses it.
+fn context() -> Context {
+    let context = Context::default();
+    context.set_theme(egui::Theme::Dark);
+    // Plus and minus are the tolerance.
+    context.options_mut(|options| options.zoom_with_keyboard = false);
+    context
 }

@@ -1,4 +1,4 @@
-//! A frame of the window: controls, picture, overlay, title. What keys ask for is done in `commands`.
+//! A frame of the window: controls, picture, panel, title. What keys and the panel ask for is done in `commands`.
 
 mod commands;
 
@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 
 use relevo_core::Result;
 use relevo_core::select::{Levels, View};
-#[cfg(feature = "ui")]
 use winit::event::WindowEvent;
 use winit::event_loop::OwnedDisplayHandle;
 use winit::window::Window;
@@ -17,10 +16,8 @@ use crate::canvas::Canvas;
 use crate::flyover;
 use crate::governor::{Governor, Load};
 use crate::gpu::{Drawn, Look};
-use crate::input::{HELP, Input};
+use crate::input::Input;
 use crate::metrics::Figures;
-use crate::overlay::{Overlay, Text};
-#[cfg(feature = "ui")]
 use crate::panel::{Change, Panel, State};
 use crate::path::Key;
 use crate::scene::{Picture, Terrain};
@@ -32,7 +29,7 @@ const NOTICE: Duration = Duration::from_secs(6);
 /// Time between two titles.
 const TITLE: Duration = Duration::from_millis(500);
 /// What stands in the window until somebody touches it.
-const HINT: &str = "H shows the keys, Home the whole terrain";
+const HINT: &str = "H shows the keys, Tab hides the panel, Home shows the whole terrain";
 /// Frames that are drawn after the last change: uploads and counters need some.
 const SETTLE_FRAMES: u32 = 4;
 
@@ -40,8 +37,6 @@ const SETTLE_FRAMES: u32 = 4;
 pub struct Show {
     canvas: Canvas,
     stage: Stage,
-    overlay: Overlay,
-    #[cfg(feature = "ui")]
     panel: Panel,
     /// Keys and mouse.
     pub input: Input,
@@ -66,7 +61,6 @@ pub struct Show {
     quiet: u32,
     counted: (Instant, u32),
     /// As the title says them.
-    #[cfg(feature = "ui")]
     figures: Figures,
     visible: bool,
 }
@@ -88,15 +82,11 @@ impl Show {
         let size = canvas.size();
         let largest = (size.0.max(monitor.0), size.1.max(monitor.1));
         let stage = Stage::new(gpu, terrain, settings, largest, canvas.format())?;
-        let overlay = Overlay::new(&stage.gpu, canvas.format())?;
-        #[cfg(feature = "ui")]
         let panel = Panel::new(&stage.gpu, canvas.format(), canvas.window())?;
         let look = stage.look(settings);
         let rig = Rig::new(&overview, stage.scene.frame());
         let mut show = Self {
             canvas,
-            overlay,
-            #[cfg(feature = "ui")]
             panel,
             input: Input::default(),
             name,
@@ -115,7 +105,6 @@ impl Show {
             drawn: Drawn::default(),
             quiet: 0,
             counted: (Instant::now(), 0),
-            #[cfg(feature = "ui")]
             figures: Figures::default(),
             visible: true,
             stage,
@@ -136,7 +125,6 @@ impl Show {
 
     /// True while the next frame may differ from the last.
     pub fn busy(&self) -> bool {
-        #[cfg(feature = "ui")]
         if self.panel.busy() {
             return true;
         }
@@ -220,10 +208,7 @@ impl Show {
         let levels = self.frozen.as_ref().map(|(_, levels)| levels);
         let drawing = Drawing { view: &view, tolerance, look: self.look, levels };
         self.stage.draw(&picture, &drawing, &target, size)?;
-        let texts = self.texts(now);
-        self.overlay.draw(&self.stage.gpu, &texts, &target, size);
-        #[cfg(feature = "ui")]
-        let changes = self.draw_panel(&target)?;
+        let changes = self.draw_panel(now, &target)?;
         self.stage.gpu.queue.present(texture);
         let drawn = self.stage.renderer.latest(&self.stage.gpu)?;
         let same =
@@ -231,20 +216,18 @@ impl Show {
         self.drawn = drawn;
         self.quiet = if same { self.quiet.saturating_add(1) } else { 0 };
         self.title(now, &picture, &view);
-        #[cfg(feature = "ui")]
         changes.into_iter().try_for_each(|change| self.change(change))?;
         Ok(())
     }
 
     /// True if the panel wants an event: it is not for the camera then.
-    #[cfg(feature = "ui")]
     pub fn panel_takes(&mut self, event: &WindowEvent) -> bool {
         self.panel.takes(self.canvas.window(), event)
     }
 
     /// The panel over the picture; what was changed in it.
-    #[cfg(feature = "ui")]
-    fn draw_panel(&mut self, target: &wgpu::TextureView) -> Result<Vec<Change>> {
+    fn draw_panel(&mut self, now: Instant, target: &wgpu::TextureView) -> Result<Vec<Change>> {
+        let messages = self.lines(now);
         let state = State {
             name: &self.name,
             tolerance: self.tolerance,
@@ -254,6 +237,7 @@ impl Show {
             mode: self.rig.mode,
             help: self.help,
             figures: self.figures,
+            messages: &messages,
         };
         self.panel.draw(&self.stage.gpu, &self.canvas, &state, target)
     }
@@ -285,12 +269,11 @@ impl Show {
         Ok(picture.clone())
     }
 
-    fn texts(&mut self, now: Instant) -> Vec<Text> {
+    /// Messages that are not too old, and the hint.
+    fn lines(&mut self, now: Instant) -> Vec<String> {
         self.notices.retain(|(_, since)| now - *since < NOTICE);
         let hint = self.hint.then(|| HINT.to_owned());
-        let notices = self.notices.iter().map(|(text, _)| text.clone()).chain(hint).collect();
-        let help = if self.help { HELP.iter().copied().map(String::from).collect() } else { Vec::new() };
-        vec![Text { lines: help, bottom: false }, Text { lines: notices, bottom: true }]
+        self.notices.iter().map(|(text, _)| text.clone()).chain(hint).collect()
     }
 
     fn title(&mut self, now: Instant, picture: &Picture, view: &View) {
@@ -314,10 +297,7 @@ impl Show {
             tolerance: self.drawn_tolerance,
             promised: promised(&picture.selection, &levels, frame, view),
         };
-        #[cfg(feature = "ui")]
-        {
-            self.figures = figures;
-        }
+        self.figures = figures;
         let state = match (&self.frozen, &self.recording) {
             (_, Some(_)) => ", recording",
             (Some(_), None) => ", frozen",

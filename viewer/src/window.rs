@@ -112,7 +112,6 @@ impl ApplicationHandler for App<'_> {
 
     fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
         let Some(show) = &mut self.show else { return };
-        #[cfg(feature = "ui")]
         if show.panel_takes(&event) {
             return;
         }

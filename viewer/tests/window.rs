@@ -5,17 +5,27 @@
 mod common;
 
 use std::io::Read;
+use std::ops::Range;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use common::{covered, fixture, viewer};
+use tempfile::TempDir;
 
 /// A display, for as long as it is kept.
 struct Display {
     server: Child,
     name: String,
+    /// The folder of the file that holds its screen.
+    screen: TempDir,
 }
+
+/// Pixels across the screen.
+const SCREEN_WIDTH: usize = 800;
+
+/// The fill of egui's windows.
+const FILL: u8 = 27;
 
 impl Display {
     fn open() -> Self {
@@ -27,8 +37,10 @@ impl Display {
                 "{program} is missing: install {package} (./test.sh does), this test needs it"
             );
         }
+        let screen = tempfile::tempdir().expect("a folder");
         let mut server = Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "800x600x24", "-nolisten", "tcp", "-noreset"])
+            .args(["-displayfd", "1", "-screen", "0", "800x600x24", "-nolisten", "tcp", "-noreset", "-fbdir"])
+            .arg(screen.path())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
@@ -40,7 +52,7 @@ impl Display {
             number.push(byte[0].into());
         }
         assert!(!number.is_empty(), "Xvfb opened no display");
-        Self { server, name: format!(":{number}") }
+        Self { server, name: format!(":{number}"), screen }
     }
 
     /// What a program says on this display.
@@ -63,6 +75,21 @@ impl Display {
     fn window(&self) -> Option<String> {
         let found = self.xdotool(&["search", "--name", "^Relevo"]);
         found.lines().last().map(String::from)
+    }
+
+    /// Share of the pixels of a part of the screen that have the colour of the panel.
+    fn filled(&self, columns: Range<usize>, rows: Range<usize>) -> f64 {
+        let bytes = std::fs::read(self.screen.path().join("Xvfb_screen0")).expect("the screen");
+        // An X window dump: a header, colours, then rows of four bytes a pixel.
+        let word = |at: usize| {
+            u32::from_be_bytes(bytes[4 * at..4 * at + 4].try_into().expect("four bytes")) as usize
+        };
+        let (start, row) = (word(0) + 12 * word(19), word(12));
+        assert_eq!((word(4), word(11)), (SCREEN_WIDTH, 32), "another screen");
+        let count = (columns.len() * rows.len()) as f64;
+        let pixels = rows.flat_map(|y| columns.clone().map(move |x| start + y * row + 4 * x));
+        let filled = pixels.filter(|&at| bytes[at..at + 3].iter().all(|byte| byte.abs_diff(FILL) < 3));
+        filled.count() as f64 / count
     }
 
     fn key(&self, key: &str) {
@@ -143,6 +170,9 @@ fn it_opens_reacts_to_keys_and_closes_clean() {
     wait("the picture", || {
         picture.exists() && std::fs::metadata(&picture).is_ok_and(|file| file.len() > 100)
     });
+    // Nothing lies over the picture while the mouse drags it.
+    display.key("h");
+    display.key("Tab");
     record(&display, folder.path());
     display.xdotool(&["windowsize", &display.window().expect("a window"), "500", "350"]);
     std::thread::sleep(Duration::from_millis(500));
@@ -155,7 +185,6 @@ fn it_opens_reacts_to_keys_and_closes_clean() {
     follow(folder.path(), &file);
 }
 
-#[cfg(feature = "ui")]
 #[test]
 fn a_click_in_the_panel_acts_while_it_is_open() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -178,6 +207,35 @@ fn a_click_in_the_panel_acts_while_it_is_open() {
     wait("a frozen selection", || display.title().contains("frozen"));
     display.key("l");
     wait("keys that act beside the panel", || !display.title().contains("frozen"));
+    display.key("Escape");
+    let (code, errors) = program.end();
+    assert!(code == Some(0) && !errors.contains("panicked"), "{code:?} {errors}");
+}
+
+#[test]
+fn the_panel_the_help_and_the_messages_are_seen() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = fixture(folder.path(), "rmnp_dem_uint16.tif", 32, 8);
+    let display = Display::open();
+    let program = Program::start(&display, folder.path(), &file, &[]);
+    wait("a title with figures", || display.title().contains("of 1.00 px"));
+    display.xdotool(&["windowfocus", "--sync", &display.window().expect("a window")]);
+    display.xdotool(&["windowsize", "--sync", &display.window().expect("a window"), "800", "600"]);
+    let panel = || display.filled(590..780, 10..400);
+    let help = || display.filled(15..250, 15..300);
+    let messages = || display.filled(10..200, 560..590);
+    wait("the panel", || panel() > 0.4);
+    wait("the hint", || messages() > 0.4);
+    assert!(help() < 0.05, "a help that nobody asked for: {}", help());
+    display.key("h");
+    wait("the help", || help() > 0.4);
+    display.key("Tab");
+    wait("a closed panel", || panel() < 0.05);
+    assert!(help() > 0.4, "the help is closed too");
+    display.key("h");
+    wait("a closed help", || help() < 0.05);
+    // The hint is gone with the first key, and the name of the adapter after a while.
+    wait("the end of the messages", || messages() < 0.05);
     display.key("Escape");
     let (code, errors) = program.end();
     assert!(code == Some(0) && !errors.contains("panicked"), "{code:?} {errors}");
@@ -230,7 +288,14 @@ fn follow(folder: &Path, file: &Path) {
     let json: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(&path).expect("path")).expect("JSON");
     let keys = json["keys"].as_array().expect("keys");
-    assert!(keys.first().expect("a key")["eye"] != keys.last().expect("a key")["eye"], "{json}");
+    let (first, last) = (keys.first().expect("a key"), keys.last().expect("a key"));
+    assert!(first["eye"] != last["eye"], "{json}");
+    let heading = |key: &serde_json::Value| {
+        let along =
+            |i: usize| key["target"][i].as_f64().expect("a place") - key["eye"][i].as_f64().expect("a place");
+        along(0).atan2(along(1))
+    };
+    assert!((heading(first) - heading(last)).abs() > 0.1, "no drag has turned the camera: {json}");
     let mut command = viewer();
     command.arg(file).args(["--headless", "--count", "2", "--size", "64x48"]).arg("--path").arg(&path);
     common::run(&mut command, 0);

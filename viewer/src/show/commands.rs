@@ -10,7 +10,6 @@ use super::Show;
 use crate::camera::{FOV, Mode};
 use crate::gpu::picture;
 use crate::input::Command;
-#[cfg(feature = "ui")]
 use crate::panel::Change;
 use crate::path::{CameraPath, Key};
 use crate::stage::{Drawing, PAINTS};
@@ -53,7 +52,6 @@ impl Show {
             }
             Command::Mode => self.change_mode(),
             Command::Home => self.go_home()?,
-            #[cfg(feature = "ui")]
             Command::Panel => self.panel.toggle(),
         }
         Ok(true)
@@ -108,7 +106,6 @@ impl Show {
     }
 
     /// Does what the panel asks for.
-    #[cfg(feature = "ui")]
     pub(super) fn change(&mut self, change: Change) -> Result<()> {
         self.quiet = 0;
         match change {
