@@ -59,7 +59,7 @@ pub use relevo_core::{
     Error, Result, TileId, codec, container, crs, error, error_code, geo, limits, observed, output, sample,
     select, simd, surface, texel, text,
 };
-use relevo_core::{gaps, states};
+use relevo_core::{gaps, lru, states};
 
 // The code of README.md is compiled, so that it stays true.
 #[cfg(doctest)]

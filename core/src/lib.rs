@@ -74,6 +74,8 @@ pub mod gaps;
 pub mod geo;
 #[doc(hidden)]
 pub mod limits;
+#[doc(hidden)]
+pub mod lru;
 pub mod observed;
 #[doc(hidden)]
 #[cfg(feature = "write")]

@@ -3,7 +3,6 @@
 //! [`gpu`] draws what `relevo_core::select` has chosen and knows no file. [`loader`] is the second thread; [`scene`] brings
 //! both together for one frame.
 
-pub mod cache;
 pub mod camera;
 pub mod canvas;
 pub mod flyover;

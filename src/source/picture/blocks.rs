@@ -374,7 +374,7 @@ impl Picture for BlockPicture {
     }
 
     fn keep(&self, bytes: u64) {
-        self.layer.cache.limit(usize::try_from(bytes).unwrap_or(usize::MAX));
+        self.layer.cache.limit(bytes);
     }
 
     fn fingerprint(&self) -> Result<Fingerprint> {

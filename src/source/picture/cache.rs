@@ -1,14 +1,13 @@
-//! Decoded blocks of all pictures of a build, the least recently used of them forgotten first.
+//! Decoded blocks of all pictures of a build, shared by its threads.
 //!
-//! A block that several threads want at once is decoded by one of them, the others wait. That is
-//! safe because decoding never waits for a thread pool.
+//! A block that several threads want at once is decoded by one of them, the others wait. That is safe because decoding
+//! never waits for a thread pool.
 
-use std::collections::{BTreeMap, HashMap};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::Pixels;
 use crate::error::Result;
+use crate::lru::Lru;
 
 /// Picture and block.
 type Key = (u32, usize);
@@ -16,53 +15,38 @@ type Key = (u32, usize);
 /// A block, once it is decoded.
 type Slot = Arc<Mutex<Option<Arc<Pixels>>>>;
 
-/// Decoded blocks, up to so many bytes.
-pub(super) struct Cache {
-    most: AtomicUsize,
-    state: Mutex<State>,
-}
+/// Decoded blocks, up to a number of bytes.
+pub(super) struct Cache(Mutex<State>);
 
-#[derive(Default)]
 struct State {
     pictures: u32,
-    slots: HashMap<Key, Entry>,
-    /// Keys by the time of their last use.
-    uses: BTreeMap<u64, Key>,
-    time: u64,
-    bytes: usize,
-}
-
-struct Entry {
-    slot: Slot,
-    used: u64,
-    bytes: usize,
+    slots: Lru<Key, Slot>,
 }
 
 impl Cache {
-    pub(super) fn new(bytes: usize) -> Self {
-        Self { most: AtomicUsize::new(bytes), state: Mutex::default() }
+    pub(super) fn new(bytes: u64) -> Self {
+        Self(Mutex::new(State { pictures: 0, slots: Lru::new(bytes) }))
     }
 
-    /// Bytes that it may take from now on: those of what comes next, if it has more.
-    pub(super) fn limit(&self, bytes: usize) {
-        self.most.store(bytes, Ordering::Relaxed);
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Bytes that it may take.
-    pub(super) fn most(&self) -> usize {
-        self.most.load(Ordering::Relaxed)
+    /// Sets the bytes that it may take; a lower number is kept from the next block on.
+    pub(super) fn limit(&self, bytes: u64) {
+        self.state().slots.set_budget(bytes);
     }
 
-    /// A number for a picture.
+    /// A new number for a picture.
     pub(super) fn register(&self) -> u32 {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = self.state();
         state.pictures += 1;
         state.pictures
     }
 
     /// A block, decoded by `decode` unless it is here.
     pub(super) fn get(&self, key: Key, decode: impl FnOnce() -> Result<Pixels>) -> Result<Arc<Pixels>> {
-        let slot = self.slot(key);
+        let slot = Arc::clone(self.state().slots.get_or_insert_with(key, Slot::default));
         let mut block = slot.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(block) = &*block {
             return Ok(Arc::clone(block));
@@ -70,33 +54,9 @@ impl Cache {
         let decoded = Arc::new(decode()?);
         *block = Some(Arc::clone(&decoded));
         drop(block);
-        self.count(key, decoded.colour.len() + decoded.alpha.as_ref().map_or(0, Vec::len));
+        let bytes = decoded.colour.len() + decoded.alpha.as_ref().map_or(0, Vec::len);
+        self.state().slots.resize(key, bytes as u64);
         Ok(decoded)
-    }
-
-    /// The slot of a block, which is now the most recently used.
-    fn slot(&self, key: Key) -> Slot {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        state.time += 1;
-        let time = state.time;
-        let new = || Entry { slot: Slot::default(), used: 0, bytes: 0 };
-        let entry = state.slots.entry(key).or_insert_with(new);
-        let (slot, before) = (Arc::clone(&entry.slot), std::mem::replace(&mut entry.used, time));
-        state.uses.remove(&before);
-        state.uses.insert(time, key);
-        slot
-    }
-
-    /// Notes how large a block is, and forgets old ones until all fit.
-    fn count(&self, key: Key, bytes: usize) {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let Some(entry) = state.slots.get_mut(&key) else { return };
-        let before = std::mem::replace(&mut entry.bytes, bytes);
-        state.bytes = state.bytes - before + bytes;
-        while state.bytes > self.most() && state.uses.len() > 1 {
-            let Some((_, old)) = state.uses.pop_first() else { break };
-            state.bytes -= state.slots.remove(&old).map_or(0, |entry| entry.bytes);
-        }
     }
 }
 

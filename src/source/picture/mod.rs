@@ -157,7 +157,7 @@ pub fn open_all(
             "bands of a picture are one (grey) or three (red, green, blue), and one more for alpha, counted from 1",
         ));
     }
-    let cache = Arc::new(Cache::new(KEPT as usize));
+    let cache = Arc::new(Cache::new(KEPT));
     let mut opened = Vec::new();
     for path in paths {
         opened.push(open(path, options, crs, limits, &cache).map_err(|error| error.at(path))?);

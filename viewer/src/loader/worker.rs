@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError};
 
 use relevo_core::container::{ImageryLayer, Reader, TileEntry};
+use relevo_core::lru::Lru;
 use relevo_core::select::imagery::{self, Images, Layer};
 use relevo_core::select::tile::{Node, TileData, TileTable};
 use relevo_core::select::traverse::Tiles;
@@ -13,7 +14,6 @@ use relevo_core::texel::Texels;
 use relevo_core::{Result, TileId};
 
 use super::{Ask, Delivery, Item, LoadedImage, LoadedTile, Message};
-use crate::cache::Cache;
 use crate::known::{KnownImages, KnownTiles};
 
 /// Tiles that are loaded before the thread looks for a new question.
@@ -34,7 +34,8 @@ pub(super) struct Worker {
     frame: Frame,
     tiles: KnownTiles,
     images: Option<KnownImages>,
-    cache: Cache<Item, Decoded>,
+    /// So that a tile that has left the GPU comes back without being decoded.
+    cache: Lru<Item, Decoded>,
     bad: HashSet<Item>,
     refused: HashSet<Item>,
     ask: Option<Ask>,
@@ -58,7 +59,7 @@ impl Worker {
             tiles: KnownTiles::new(reader.header().clone(), root),
             reader,
             images: images.map(KnownImages::new),
-            cache: Cache::new(ram_cache),
+            cache: Lru::new(ram_cache),
             bad: HashSet::new(),
             refused: HashSet::new(),
             ask: None,
@@ -174,7 +175,7 @@ impl Worker {
     }
 
     fn deliver(&mut self, item: Item, ahead: bool) -> Result<(), Closed> {
-        let decoded = match self.cache.get(item) {
+        let decoded = match self.cache.get(item).cloned() {
             Some(decoded) => Ok(decoded),
             None => self.decode(item),
         };
