@@ -55,11 +55,11 @@ pub mod work_folder;
 pub mod writer;
 
 pub use rect::Rect;
+use relevo_core::lru;
 pub use relevo_core::{
     Error, Result, TileId, codec, container, crs, error, error_code, geo, limits, observed, output, sample,
     select, simd, surface, texel, text,
 };
-use relevo_core::{gaps, lru, states};
 
 // The code of README.md is compiled, so that it stays true.
 #[cfg(doctest)]

@@ -69,8 +69,6 @@ pub mod error;
 #[doc(hidden)]
 pub mod error_code;
 #[doc(hidden)]
-pub mod gaps;
-#[doc(hidden)]
 pub mod geo;
 #[doc(hidden)]
 pub mod limits;
@@ -87,8 +85,6 @@ pub mod sample;
 pub mod select;
 #[doc(hidden)]
 pub mod simd;
-#[doc(hidden)]
-pub mod states;
 pub mod surface;
 #[doc(hidden)]
 pub mod texel;

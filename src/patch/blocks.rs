@@ -5,9 +5,9 @@
 //! also take in the midpoints of edges between a valid and a void sample: there the surface ends.
 
 use crate::patch::TileGeometry;
+use crate::sample::state;
 use crate::sample::{Coding, Lattice, VALID, code_from_f32, refill};
 use crate::simd::{self, Kernel};
-use crate::states;
 
 /// Bit of [`Blocks::state`]: some sample of the block is valid.
 pub const HAS_VALID: u8 = 1;
@@ -62,7 +62,7 @@ impl Blocks {
             _ => simd::run(LeafBlocks { low: &lattice.code, high: &lattice.code, lattice, out: self }),
         };
         for (y, row) in unit.chunks_exact(n).enumerate() {
-            states::each_place(row, HAS_VALID | HAS_VOID, |x| {
+            state::each_place(row, HAS_VALID | HAS_VOID, |x| {
                 self.add_middles(y / 2 * self.n + x / 2, (x, y), lattice, coding, geometry);
             });
         }

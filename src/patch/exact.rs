@@ -13,9 +13,9 @@ use crate::patch::number::Number;
 use crate::patch::squares::{Place, Squares};
 use crate::patch::sums::SIDE;
 use crate::patch::{TileGeometry, make_monotone};
+use crate::sample::state;
 use crate::sample::{Coding, Lattice};
 use crate::simd;
-use crate::states;
 
 /// Vertical errors in metres of all cells of 1, 2, 4 .. T intervals of a leaf tile of at least 16: `[step][patch]` up to the patch size,
 /// then one square of cells for each larger size.
@@ -145,7 +145,7 @@ fn small_cells<N: Number, M: Number>(
     // Cells with voids are taken out; what was measured bounds what they have.
     let mut apart = Vec::new();
     for (row, state) in state.chunks_exact(cells).enumerate() {
-        states::each_other_place(state, HAS_VALID, |column| {
+        state::each_other_place(state, HAS_VALID, |column| {
             let bound = std::mem::replace(small.of(s, column, row), M::ZERO);
             if state[column] == MIXED {
                 apart.push((column, row, bound.wide() * scale));

@@ -2,9 +2,9 @@
 
 use std::borrow::Cow;
 
+use crate::sample::state;
 use crate::sample::{Coding, Lattice, f32_from_code};
 use crate::simd::{self, Kernel};
-use crate::states;
 
 /// Heights of a lattice.
 pub enum Heights<'a> {
@@ -66,12 +66,12 @@ impl<'a> Heights<'a> {
     fn of_codes(lattice: &'a Lattice) -> Self {
         let codes = &lattice.code;
         let range = |low: i32, high: i32| i64::from(high) - i64::from(low);
-        let (low, high) = states::range(codes).unwrap_or_default();
+        let (low, high) = state::range(codes).unwrap_or_default();
         let near = i64::from(low) > -NARROW_RANGE / 2 && i64::from(high) < NARROW_RANGE / 2;
         if near && range(low, high) <= SHORT_RANGE {
             return Self::Short(Cow::Borrowed(codes));
         }
-        let (low, high) = states::known_range(codes, &lattice.state).unwrap_or_default();
+        let (low, high) = state::known_range(codes, &lattice.state).unwrap_or_default();
         let clamped = || Cow::Owned(simd::run(Clamped { codes, low, high }));
         if range(low, high) <= SHORT_RANGE {
             return Self::Short(clamped());

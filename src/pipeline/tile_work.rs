@@ -7,7 +7,6 @@ use crate::codec::{height, mask, table};
 use crate::container::layout::Metric;
 use crate::error::{Error, Result};
 use crate::error_code::code_from_metres;
-use crate::gaps;
 use crate::patch::blocks::{Blocks, occupied};
 use crate::patch::{Errors, TileGeometry, inherit};
 use crate::pipeline::buffers::{Buffers, Lent};
@@ -15,6 +14,7 @@ use crate::pipeline::child_summary::ChildSummary;
 use crate::pipeline::odd;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::value_range::ValueRange;
+use crate::sample::interpolate;
 use crate::sample::{Lattice, VALID};
 use crate::tile::{TileId, downsample};
 use crate::writer::{TileChunks, TileRecord};
@@ -122,7 +122,7 @@ impl TileWork {
             // Samples without a height are never drawn. The bounds of what is drawn are sharper if
             // they do not stick out.
             let Lattice { n, code, state, .. } = &mut self.lattice;
-            gaps::bridge_unfilled(code, state, *n + 1);
+            interpolate::across_unfilled(code, state, *n + 1);
         }
         let children = below.as_ref().map_or(0, |b| b.children);
         let range = below.as_ref().map_or(own, |b| own.join(b.range));

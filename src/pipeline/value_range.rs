@@ -1,8 +1,8 @@
 //! [`ValueRange`]: the lowest and the highest value of some samples.
 
 use super::plan::Plan;
+use crate::sample::state;
 use crate::sample::{Coding, FILLED, Lattice, VALID};
-use crate::states;
 
 /// Lowest and highest value; empty if `low > high`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,8 +34,8 @@ impl ValueRange {
             });
         }
         let (code, state) = (&lattice.code, &lattice.state);
-        let known = states::known_range(code, state);
-        let valid = if states::all_valid(state) { known } else { states::valid_range(code, state) };
+        let known = state::known_range(code, state);
+        let valid = if state::all_valid(state) { known } else { state::valid_range(code, state) };
         [known, valid].map(|range| {
             range.map_or(Self::EMPTY, |(low, high)| {
                 let (a, b) = (coding.value(low, 0), coding.value(high, 0));

@@ -5,9 +5,9 @@
 //! coarser level only one spacing is new, T, and only the four corners are born that coarse. What a
 //! tile looks at never reaches farther than its eight neighbours.
 
+use crate::sample::state;
 use crate::sample::{FILLED, Lattice, VALID, VOID};
 use crate::simd::{self, Kernel};
-use crate::states;
 
 /// A tile's lattice amid its eight neighbours, `[row][column]`, the tile itself at `[1][1]`. All of one size.
 pub struct Neighbourhood<'a>(pub [[Option<&'a Lattice>; 3]; 3]);
@@ -94,7 +94,7 @@ impl Neighbourhood<'_> {
                 open.resize(tile.n + 1, 0);
                 let around = self.rows(tile.n, y, spacing);
                 simd::run(NearValid { row, around, best: &mut best, open: &mut open });
-                states::each_place(&open, 1, |x| {
+                state::each_place(&open, 1, |x| {
                     // A power of two.
                     if x & (spacing - 1) == 0
                         && let Some((code, low)) = self.median(tile, x, y, spacing)
@@ -210,7 +210,7 @@ impl Near {
     /// The lower median of those taken.
     #[inline(always)]
     fn median(self) -> Option<(i32, u32)> {
-        let median = states::median_of(self.heights, self.count)?;
+        let median = state::median_of(self.heights, self.count)?;
         Some(((median >> 32) as i32, median as u32))
     }
 }
@@ -238,7 +238,7 @@ fn mirror(v: usize, tile: usize, n: usize) -> Option<usize> {
 /// Fills the void samples inside a leaf tile that have a valid one beside them, as [`Neighbourhood::fills`] would, which has less to do then:
 /// most fills are these, and nobody else is needed for them, so they are best found while the tile is in the processor's cache.
 pub fn inside(tile: &mut Lattice) {
-    if states::all_valid(&tile.state) {
+    if state::all_valid(&tile.state) {
         return;
     }
     let (n, width) = (tile.n, tile.n + 1);
@@ -252,7 +252,7 @@ pub fn inside(tile: &mut Lattice) {
         let around = [y - 1, y, y + 1].map(|y| [&[][..], &tile.state[y * width..][..width], &[]]);
         simd::run(NearValid { row, around, best: &mut best, open: &mut open });
         (open[0], open[n]) = (0, 0);
-        states::each_place(&open, 1, |x| {
+        state::each_place(&open, 1, |x| {
             if let Some((code, low)) = median_inside(tile, x, y, 1) {
                 put(tile, (y * width + x, code, low));
             }

@@ -8,8 +8,8 @@ pub use crate::codec::void::Fills;
 use crate::codec::walk::{Decoder, Encoder, Places};
 use crate::codec::{Scratch, bits, decimal, frame, order};
 use crate::error::{Error, Result};
+use crate::sample::state;
 use crate::sample::{Coding, Lattice, VALID, VOID};
-use crate::states;
 
 /// Bytes before the byte plane.
 const HEAD: usize = 12;
@@ -243,11 +243,11 @@ fn is_narrow(codes: &[i32], places: Places<'_>) -> bool {
         high - low < limit && range.contains(&(low - outside)) && range.contains(&(high + outside))
     };
     // Those that stand for no height, and 0, are seldom far from the others.
-    let (lowest, highest) = states::range(codes).unwrap_or_default();
+    let (lowest, highest) = state::range(codes).unwrap_or_default();
     if narrow(lowest.min(0), highest.max(0)) {
         return true;
     }
-    let Some((low, high)) = states::known_range(codes, places.state) else { return true };
+    let Some((low, high)) = state::known_range(codes, places.state) else { return true };
     // The base is one of the heights, or 0; and 0 stands in where no parent is valid.
     let base_is_height = !places.root || places.state[0] != VOID;
     let has_parent = order::stages(places.n, places.root)

@@ -4,9 +4,9 @@
 use crate::codec::order::{self, Row, Stage};
 use crate::codec::{Scratch, bits, frame};
 use crate::error::{Error, Result};
+use crate::sample::state;
 use crate::sample::{Lattice, VALID, VOID};
 use crate::simd::{self, Kernel};
-use crate::states;
 
 /// Which kinds of samples a tile's own lattice has: flags bit 0 and 1 of its index entry.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -181,7 +181,7 @@ impl Coder for Decoder<'_> {
 pub fn encode(lattice: &Lattice, root: bool, scratch: &mut Scratch, out: &mut Vec<u8>) -> Result<Occupancy> {
     check_shape(lattice)?;
     let has_valid = lattice.state.contains(&VALID);
-    let has_void = !states::all_valid(&lattice.state);
+    let has_void = !state::all_valid(&lattice.state);
     if has_valid && has_void {
         scratch.bytes.clear();
         let mut coder = Encoder { state: &lattice.state, bits: &mut scratch.bytes };

@@ -4,8 +4,8 @@ use crate::codec::neighbours::{Cost, Neighbours, Note};
 use crate::codec::order::{Row, Stage};
 use crate::codec::predict::{Planes, Weights, Word};
 use crate::sample::VALID;
+use crate::sample::state;
 use crate::simd;
-use crate::states;
 
 /// Rows of a plane that are tried out, at least.
 const ROWS: usize = 16;
@@ -61,7 +61,7 @@ impl<W: Word> Probe<W> {
         self.slope.resize(start + row.count, W::default());
         let (rest, slope) = (&mut self.rest[start..], &mut self.slope[start..]);
         simd::run(Note { from, codes: &self.codes, base, sharpness, rest, slope });
-        if states::all_valid(&target.state[row.first..row.end()]) {
+        if state::all_valid(&target.state[row.first..row.end()]) {
             return;
         }
         let mut end = start;

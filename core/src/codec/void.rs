@@ -2,9 +2,9 @@
 
 use crate::codec::bits;
 use crate::codec::order::Stage;
+use crate::sample::state;
 use crate::sample::{FILLED, VALID};
 use crate::simd::{self, Kernel};
-use crate::states;
 
 /// Where the fills of a tile come from: what the encoder need not find out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,7 +32,7 @@ pub fn code_fills(
     for row in stage.newborn() {
         let of_row = residuals.split_off_mut(..row.count).unwrap_or_default();
         let states = &state[row.first..row.end()];
-        if states::all_valid(states) {
+        if state::all_valid(states) {
             continue;
         }
         let (first, y) = (row.first % width, row.first / width);
@@ -58,7 +58,7 @@ pub fn code_fills(
         }
         // A power of two.
         let step = row.step.trailing_zeros();
-        states::each_place(states, FILLED, |place| {
+        state::each_place(states, FILLED, |place| {
             let number = place >> step;
             if number << step == place
                 && let Some(residual) = residual(first + place)
@@ -74,7 +74,7 @@ pub fn restore_fills(codes: &mut [i32], state: &[u8], stage: Stage, mut residual
     let (width, mut near) = (stage.intervals() + 1, Vec::new());
     for row in stage.newborn() {
         let of_row = residuals.split_off(..row.count).unwrap_or_default();
-        if states::all_valid(&state[row.first..row.end()]) {
+        if state::all_valid(&state[row.first..row.end()]) {
             continue;
         }
         let y = row.first / width;
@@ -121,7 +121,7 @@ fn lower_median(codes: &[i32], state: &[u8], stage: Stage, at: (usize, usize)) -
         *near = (codes[place] & !out) | (out & i32::MAX);
         count += (out + 1) as usize;
     }
-    states::median_of(near, count)
+    state::median_of(near, count)
 }
 
 /// Whether a sample of row `y` may have a valid one around it, `h` samples away, column by column into `near`, 1 if so: most void samples have

@@ -6,10 +6,10 @@ use crate::codec::order::{self, Row, Stage};
 use crate::codec::predict::{Planes, Weights, Word};
 use crate::codec::probe::Target;
 use crate::codec::void::{self, Fills};
-use crate::gaps;
+use crate::sample::interpolate;
+use crate::sample::state;
 use crate::sample::{VALID, VOID};
 use crate::simd::{self, Kernel};
-use crate::states;
 
 /// What encoder and decoder do with the newborn samples.
 pub trait Coder {
@@ -43,7 +43,7 @@ pub struct Places<'a> {
 impl<'a> Places<'a> {
     /// Places of a tile.
     pub fn new(n: usize, root: bool, state: &'a [u8]) -> Self {
-        Self { n, root, state, has_void: !states::all_valid(state) }
+        Self { n, root, state, has_void: !state::all_valid(state) }
     }
 }
 
@@ -102,7 +102,7 @@ impl Buffers {
             for b in 0..=stage.m {
                 stage.parents(b).gather_states(places.state, &mut self.states);
             }
-            if !gaps::bridge_voids(&mut self.parents, &self.states, stage.m + 1) {
+            if !interpolate::across_voids(&mut self.parents, &self.states, stage.m + 1) {
                 self.parents.fill(0);
             }
         }

@@ -1,8 +1,12 @@
-//! Samples as integer codes: the one form in which heights travel through split, errors and codec.
+//! Samples as integer codes: the form in which split, errors and codec handle heights.
 //!
-//! An integer raster is its own code. A float is mapped to the integer of the same order (its bits, negative
-//! numbers flipped), so that prediction works on it too; a float64 gives its upper 32 ordered bits as the code and
-//! the lower 32 beside it. Every map is one to one: nothing is lost.
+//! An integer sample is its own code. A float is mapped to the integer of the same order (its bits,
+//! those of negative numbers flipped), so that prediction works on it too. Of a float64 the upper
+//! 32 ordered bits are the code, and the lower 32 a second number beside it. Each map is one to
+//! one: nothing is lost.
+
+pub mod interpolate;
+pub mod state;
 
 use serde::{Deserialize, Serialize};
 
@@ -76,7 +80,8 @@ impl SampleType {
         }
     }
 
-    /// The shortest text of a value that reads back as the same sample of this type: `-9999`, `-3.4028235e38`.
+    /// The shortest text of a value that reads back as the same sample of this type: `-9999`,
+    /// `-3.4028235e38`.
     pub fn text(self, value: f64) -> String {
         let single = value as f32;
         let text = if self == Self::Float32 && f64::from(single) == value {
@@ -93,7 +98,8 @@ impl SampleType {
 pub enum Coding {
     /// `value = offset + scale * code`.
     Integer {
-        /// Value of one code unit; 1 for a lossless integer raster, the step of `--precision` otherwise.
+        /// Value of one unit of code: 1 for an integer raster kept without loss, else the
+        /// precision.
         scale: f64,
         /// Value of code 0.
         offset: f64,
@@ -105,7 +111,8 @@ pub enum Coding {
 }
 
 impl Coding {
-    /// Value of a code, in the source's numbers (before GDAL scale, offset and unit). `low` counts for `Float64` only.
+    /// Value of a code, as the source has it (before GDAL's scale, offset and unit). Only `Float64`
+    /// uses `low`.
     #[inline]
     pub fn value(self, code: i32, low: u32) -> f64 {
         match self {
@@ -121,7 +128,7 @@ impl Coding {
     }
 }
 
-/// Code of a float32: integers in the order of the floats. NaN never gets here (it is void).
+/// Code of a float32: codes have the order of the floats. NaN is void and never gets a code.
 #[inline]
 pub fn code_from_f32(value: f32) -> i32 {
     let bits = value.to_bits() as i32;
@@ -149,11 +156,11 @@ pub fn f64_from_code(code: i32, low: u32) -> f64 {
     f64::from_bits((ordered ^ ((ordered >> 63) & i64::MAX)) as u64)
 }
 
-/// A lattice sample that is void and whose code means nothing.
+/// State of a void sample whose code means nothing.
 pub const VOID: u8 = 0;
-/// A lattice sample that is void and carries a fill height its neighbours agree on.
+/// State of a void sample with a fill height, made from its neighbours.
 pub const FILLED: u8 = 1;
-/// A lattice sample that is valid.
+/// State of a valid sample.
 pub const VALID: u8 = 2;
 
 /// The samples of one tile: `(n + 1)^2` of them, row by row from the north-west.
@@ -165,7 +172,8 @@ pub struct Lattice {
     pub code: Vec<i32>,
     /// Lower halves of float64 samples, `(n + 1)^2`; empty for every other coding.
     pub low: Vec<u32>,
-    /// [`VOID`], [`FILLED`] or [`VALID`], `(n + 1)^2`. A reader cannot tell `FILLED` from `VOID` and says `VOID`.
+    /// [`VOID`], [`FILLED`] or [`VALID`], `(n + 1)^2`. A reader cannot tell `FILLED` from `VOID`
+    /// and uses `VOID` for both.
     pub state: Vec<u8>,
 }
 
@@ -181,7 +189,7 @@ impl Lattice {
         }
     }
 
-    /// Makes it what [`Lattice::new`] gives, in the memory that it has.
+    /// Makes it equal to [`Lattice::new`], reusing its memory.
     pub fn reset(&mut self, n: usize, coding: Coding) {
         let count = (n + 1) * (n + 1);
         self.n = n;
@@ -209,7 +217,7 @@ impl Lattice {
     }
 }
 
-/// Makes a plane `count` times the same.
+/// Sets a plane to `count` times `value`, reusing its memory.
 pub fn refill<T: Copy>(plane: &mut Vec<T>, count: usize, value: T) {
     plane.clear();
     plane.reserve_exact(count);

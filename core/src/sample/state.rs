@@ -1,30 +1,33 @@
-//! Questions about states of samples that both fills and the codec ask.
+//! Scans over the states of samples: are all valid, where is which, and the range of the codes that
+//! count; also the median of up to eight numbers. Fills, errors and the codec use them.
 
 use crate::sample::{FILLED, VALID};
 use crate::simd::{self, Kernel};
 
-/// True if no sample is void. Looks at all of them: that is fast.
+/// True if all samples are valid. Reads all of them without an early end: that is faster.
 #[inline]
 pub fn all_valid(state: &[u8]) -> bool {
     state.iter().fold(0, |different, state| different | (state ^ VALID)) == 0
 }
 
-/// Lowest and highest of some codes; `None` if there are none.
+/// Lowest and highest code; `None` if there are none.
 pub fn range(code: &[i32]) -> Option<(i32, i32)> {
     simd::run(RangeOfAll(code))
 }
 
-/// Lowest and highest code of the samples that have a height; `None` if none has. One state for each code.
+/// Lowest and highest code of the samples that have a height, valid or filled; `None` if none has.
+/// `state` has one state for each code.
 pub fn known_range(code: &[i32], state: &[u8]) -> Option<(i32, i32)> {
     simd::run(RangeOf::<FILLED> { code, state })
 }
 
-/// Lowest and highest code of the valid samples; `None` if there are none. One state for each code.
+/// Lowest and highest code of the valid samples; `None` if there are none. `state` has one state
+/// for each code.
 pub fn valid_range(code: &[i32], state: &[u8]) -> Option<(i32, i32)> {
     simd::run(RangeOf::<VALID> { code, state })
 }
 
-/// See [`range`]. No early end: this way the compiler makes vectors of it.
+/// [`range`] as a kernel. It has no early end, so that the compiler can use vectors.
 struct RangeOfAll<'a>(&'a [i32]);
 
 impl Kernel for RangeOfAll<'_> {
@@ -57,7 +60,8 @@ impl<const LEAST: u8> Kernel for RangeOf<'_, LEAST> {
         }
         let (mut low, mut high) = (i32::MAX, i32::MIN);
         for i in 0..code.len() {
-            // All ones of a sample that does not count. A condition would become loads under a mask, which are slow.
+            // All ones if the sample does not count. A condition would become masked loads, which
+            // are slow.
             let out = -i32::from(state[i] < LEAST);
             low = low.min((code[i] & !out) | (out & i32::MAX));
             high = high.max((code[i] & !out) | (out & i32::MIN));
@@ -67,17 +71,18 @@ impl<const LEAST: u8> Kernel for RangeOf<'_, LEAST> {
     }
 }
 
-/// Visits the places of `state` in a row of states, in order. Looks at 32 at a time, of which most often none is.
+/// Calls `visit` with the index of each sample of `row` that is in `state`, in order. Samples are
+/// tested 32 at a time: most often none of them is.
 pub fn each_place(row: &[u8], state: u8, visit: impl FnMut(usize)) {
     visit_places::<true>(row, state, visit);
 }
 
-/// Visits the places of other states than `state` in a row of states, as [`each_place`].
+/// Calls `visit` with the index of each sample of `row` that is not in `state`, in order.
 pub fn each_other_place(row: &[u8], state: u8, visit: impl FnMut(usize)) {
     visit_places::<false>(row, state, visit);
 }
 
-/// Visits the places where it is `EQUAL` that the state is `state`.
+/// [`each_place`] if `EQUAL`, else [`each_other_place`].
 #[inline]
 fn visit_places<const EQUAL: bool>(row: &[u8], state: u8, mut visit: impl FnMut(usize)) {
     let (blocks, rest) = row.as_chunks::<32>();
@@ -90,7 +95,7 @@ fn visit_places<const EQUAL: bool>(row: &[u8], state: u8, mut visit: impl FnMut(
     }
 }
 
-/// [`visit_places`], eight at a time.
+/// [`visit_places`] of one block, eight samples at a time.
 fn visit_places_of_block<const EQUAL: bool>(block: &[u8; 32], state: u8, mut visit: impl FnMut(usize)) {
     const LOW: u64 = 0x7F7F_7F7F_7F7F_7F7F;
     let wanted = u64::from_le_bytes([state; 8]);
@@ -109,7 +114,7 @@ fn visit_places_of_block<const EQUAL: bool>(block: &[u8; 32], state: u8, mut vis
 /// The lower median of the `count` smallest of eight numbers; `None` if `count` is 0.
 pub fn median_of<N: Ord + Copy>(mut numbers: [N; 8], count: usize) -> Option<N> {
     let middle = count.checked_sub(1)? / 2;
-    // A network of comparisons sorts without a branch to be guessed wrong.
+    // A sorting network has no branches that the processor could predict wrongly.
     let mut sort = |a: usize, b: usize| {
         (numbers[a], numbers[b]) = (numbers[a].min(numbers[b]), numbers[a].max(numbers[b]));
     };
