@@ -11,9 +11,9 @@ use std::path::{Path, PathBuf};
 
 use relevo::Rect;
 use relevo::TileId;
+use relevo::codec::imagery::{Codec, Form, JpegTables};
 use relevo::codec::mask::Occupancy;
-use relevo::codec::picture::{Codec, Form, JpegTables};
-use relevo::codec::{Scratch, height, mask, picture, table};
+use relevo::codec::{Scratch, height, imagery, mask, table};
 use relevo::container::{ChunkKind, Reader, ReaderOptions};
 use relevo::limits::Limits;
 use relevo::pipeline::{self, BuildOptions, Silent};
@@ -277,8 +277,8 @@ pub fn imagery(data: &[u8]) {
     let parts = parts(rest);
     let at = |index: usize| parts.get(index).copied().unwrap_or_default();
     let tables = JpegTables::parse(&form, at(0)).ok();
-    let _ = picture::decode(&form, tables.as_ref(), at(1), at(2));
-    let _ = picture::unpack_blocks(&form, at(1));
+    let _ = imagery::decode(&form, tables.as_ref(), at(1), at(2));
+    let _ = imagery::unpack_blocks(&form, at(1));
 }
 
 /// Reads a small raster whole.
@@ -593,8 +593,8 @@ pub fn imagery_seeds() -> Vec<Vec<u8>> {
             colour: (0..256 * colour.channels()).map(|at| (at * 7 % 251) as u8).collect(),
             alpha: Some((0..256).map(|at| if at % 9 == 0 { 0 } else { 255 }).collect()),
         };
-        let chunks = picture::encode(&form, &texels).expect("encoded");
-        let tables = picture::jpeg_tables(&form).expect("tables");
+        let chunks = imagery::encode(&form, &texels).expect("encoded");
+        let tables = imagery::jpeg_tables(&form).expect("tables");
         let prefix = tables.as_ref().map_or(&[][..], JpegTables::prefix);
         let start = vec![number | if colour == Colour::Grey { 8 } else { 0 }, 3];
         seeds.push([prefix, &chunks.colour, &chunks.alpha].into_iter().fold(start, join));

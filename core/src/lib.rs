@@ -94,7 +94,7 @@ pub mod text;
 pub mod tile;
 
 #[doc(inline)]
-pub use codec::picture::Codec;
+pub use codec::imagery::Codec;
 #[doc(inline)]
 pub use codec::table::ErrorTable;
 #[doc(inline)]

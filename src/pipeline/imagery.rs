@@ -1,4 +1,4 @@
-//! The imagery layer: pictures become tiles (`crate::imagery`), tiles chunks (`codec::picture`),
+//! The imagery layer: pictures become tiles (`crate::imagery`), tiles chunks (`codec::imagery`),
 //! chunks the sections of a container.
 
 use std::ops::RangeInclusive;
@@ -9,7 +9,8 @@ use serde_json::json;
 
 use super::threads::threads;
 use super::{memory, outcome};
-use crate::codec::picture::{self, Codec};
+use crate::codec;
+use crate::codec::imagery::Codec;
 use crate::container::imagery::ImageryHeader;
 use crate::container::metadata::{ImageryNote, PictureSourceNote};
 use crate::container::reader::Reader;
@@ -155,7 +156,7 @@ impl TileSink for Sink<'_> {
         if self.cut_out {
             texels.alpha = texels.alpha.and_then(cut_out);
         }
-        let chunks = picture::encode(&self.writer.form(), &texels)?;
+        let chunks = codec::imagery::encode(&self.writer.form(), &texels)?;
         self.writer.append(id, children, &chunks)
     }
 }

@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
-use crate::codec::picture::{self, Form, Histograms, JpegTables, PictureChunks};
+use crate::codec::imagery::{self, Form, Histograms, ImageryChunks, JpegTables};
 use crate::container::assemble::Tree;
 use crate::container::directory::ChunkPlace;
 use crate::container::imagery::{ImageryEntry, ImageryHeader};
@@ -82,7 +82,7 @@ impl ImageryWriter {
     pub fn create(folder: &Path, header: ImageryHeader) -> Result<Self> {
         let header = ImageryHeader { alpha: false, leaf: 0, tiles: 1, ..header };
         header.check()?;
-        let tables = picture::jpeg_tables(&header.form())?;
+        let tables = imagery::jpeg_tables(&header.form())?;
         let path = folder.join("imagery-chunks");
         let file = open_file(&path, true).map_err(|source| Error::io(path, "begin it", source))?;
         let inner = Inner {
@@ -96,13 +96,13 @@ impl ImageryWriter {
         Ok(Self { folder: folder.to_owned(), header, tables, inner: Mutex::new(inner) })
     }
 
-    /// What [`picture::encode`] is to make.
+    /// What [`imagery::encode`] is to make.
     pub fn form(&self) -> Form {
         self.header.form()
     }
 
-    /// Adds a tile that [`picture::encode`] has made. Tiles may come in any order, each once.
-    pub fn append(&self, id: TileId, children: u8, chunks: &PictureChunks) -> Result<()> {
+    /// Adds a tile that [`imagery::encode`] has made. Tiles may come in any order, each once.
+    pub fn append(&self, id: TileId, children: u8, chunks: &ImageryChunks) -> Result<()> {
         let mut counted = Histograms::default();
         if let Some(tables) = &self.tables {
             tables.count(chunks, &mut counted)?;

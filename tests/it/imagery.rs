@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
-use relevo::codec::picture::{self, Codec, PictureChunks};
+use relevo::codec::imagery::{self, Codec, ImageryChunks};
 use relevo::container::metadata::ImageryNote;
 use relevo::container::{ImageryHeader, Reader};
 use relevo::geotiff_write::{GeotiffSpec, GeotiffWriter};
@@ -116,7 +116,7 @@ impl World {
                 let writer = &writer;
                 scope.spawn(move || {
                     for &(id, children) in part {
-                        let chunks = picture::encode(&writer.form(), &self.tile(id)).expect("encode");
+                        let chunks = imagery::encode(&writer.form(), &self.tile(id)).expect("encode");
                         writer.append(id, children, &chunks).expect("append");
                     }
                 });
@@ -270,7 +270,7 @@ fn tiles_that_are_no_tree_are_refused() {
     let folder = tempfile::tempdir().expect("folder");
     let world = World { kind: Colour::Grey, clear: false, leaf: 1 };
     let begin = || ImageryWriter::create(folder.path(), world.header(Codec::Png)).expect("writer");
-    let chunks = picture::encode(&begin().form(), &world.tile(TileId::ROOT)).expect("encode");
+    let chunks = imagery::encode(&begin().form(), &world.tile(TileId::ROOT)).expect("encode");
     let writer = begin();
     writer.append(TileId::ROOT, 1, &chunks).expect("append");
     assert!(writer.append(TileId::ROOT, 1, &chunks).is_err(), "twice");
@@ -286,7 +286,7 @@ fn tiles_that_are_no_tree_are_refused() {
     assert!(matches!(stopped.finish(&mut |_, _| false), Err(Error::Interrupted)));
     let odd = ImageryHeader { tile: 62, ..world.header(Codec::Png) };
     assert!(ImageryWriter::create(folder.path(), odd).is_err());
-    let other = PictureChunks { colour: vec![1], ..PictureChunks::default() };
+    let other = ImageryChunks { colour: vec![1], ..ImageryChunks::default() };
     let jpeg = ImageryWriter::create(folder.path(), world.header(Codec::Jpeg)).expect("writer");
     assert!(
         jpeg.append(TileId::ROOT, 0, &other).is_ok_and(|()| true) || jpeg.finish(&mut |_, _| true).is_err()

@@ -1,18 +1,19 @@
-//! Residuals as a byte plane with escapes and raw low bits (`format-spec.md`, section 9.1); rows of single bits.
+//! Residuals as a byte plane with escapes and raw low bits (`format-spec.md`, section 9.1); rows of
+//! single bits.
 
 use crate::error::{Error, Result};
 use crate::simd::{self, Kernel};
 
 /// Most low bits a residual may store raw.
 pub const MAX_RAW_BITS: u32 = 24;
-/// Bytes that a byte plane takes for one residual at most: 255 and five of LEB128.
+/// Most bytes of a byte plane for one residual: 255 and five of LEB128.
 pub const MAX_PLANE_BYTES: usize = 6;
-/// Zeros behind the raw bits in memory, so that whole words can be read there.
+/// Zero bytes after the raw bits in memory, so that whole words can be read there.
 const SLACK: usize = 8;
 /// Bins of the histogram that `k` is chosen by.
 const BINS: usize = 4096;
 
-/// Residual as a number without sign: 0, -1, 1, -2, ... become 0, 1, 2, 3, ...
+/// The residual as an unsigned number: 0, -1, 1, -2, ... become 0, 1, 2, 3, ...
 #[inline(always)]
 pub fn zigzag(residual: i32) -> u32 {
     ((residual << 1) ^ (residual >> 31)) as u32
@@ -29,7 +30,7 @@ pub fn raw_length(count: usize, k: u32) -> usize {
     (count * k as usize).div_ceil(8)
 }
 
-/// Sets bytes to the high bits of residuals, 255 for all from 255 on.
+/// Kernel: the high bits of residuals as bytes, at most 255.
 struct HighBytes<'a> {
     residuals: &'a [u32],
     k: u32,
@@ -81,7 +82,8 @@ pub fn write_raw(residuals: &[u32], k: u32, out: &mut Vec<u8>) {
     out.extend_from_slice(&pending.to_le_bytes()[..bits.div_ceil(8) as usize]);
 }
 
-/// Puts `count` residuals (zigzag) into `out`: the inverse of [`write_plane`] and [`write_raw`]. `padded` is room to work in.
+/// Sets `out` to `count` residuals (zigzag): the inverse of [`write_plane`] and [`write_raw`].
+/// `padded` is scratch memory.
 pub fn read(
     plane: &[u8],
     raw: &[u8],
@@ -168,13 +170,13 @@ fn read_leb128(bytes: &mut &[u8]) -> Result<u32> {
     Err(Error::format("byte plane", "an escape of at most five bytes", "a longer one"))
 }
 
-/// The `k` that makes the residuals (zigzag) smallest, as well as an entropy can tell.
+/// The `k` with which the residuals (zigzag) take the fewest bytes, estimated by entropy.
 pub fn choose_k(residuals: &[u32], histogram: &mut Vec<u32>) -> u32 {
     let all = residuals.iter().fold(0, |all, g| all | g);
     if all < 128 {
         return 0;
     }
-    // A quarter of the residuals tells the shape.
+    // Every fourth residual is enough for the shape of the histogram.
     let step = if residuals.len() > 4096 { 4 } else { 1 };
     let sample = || (0..residuals.len()).step_by(step).map(|at| residuals[at]);
     let taken = residuals.len().div_ceil(step) as u32;
@@ -186,14 +188,15 @@ pub fn choose_k(residuals: &[u32], histogram: &mut Vec<u32>) -> u32 {
         Some(bin) => *bin += 1,
         None => escape_bits += 8.0 + f64::from(32 - g.leading_zeros() - coarse) - 8.0,
     });
-    // Most residuals are small: only the bins up to the last that is used count.
+    // Most residuals are small: look only at the bins up to the last one used.
     let mut used = histogram.iter().rposition(|&count| count > 0).map_or(0, |last| last + 1);
     let mut best = (f64::INFINITY, 0);
     for k in coarse..=MAX_RAW_BITS.min(coarse + 6) {
         let bits = plane_bits(&histogram[..used.max(255)], f64::from(taken))
             + f64::from(taken) * f64::from(k)
             + escape_bits;
-        // Raw bits are stored as they are, the estimate of the others is a little low: not for nothing.
+        // The raw bits are exact and the estimate of the others is a little low, so more raw bits
+        // must gain something.
         if bits < 0.995 * best.0 {
             best = (bits, k);
         }
@@ -207,7 +210,8 @@ pub fn choose_k(residuals: &[u32], histogram: &mut Vec<u32>) -> u32 {
     best.1
 }
 
-/// Bits to leave away so that one in 64 of the `taken` residuals at most falls beyond the last bin.
+/// The fewest low bits to drop so that at most one in 64 of the `taken` residuals falls beyond the
+/// last bin.
 fn coarsest(sample: impl Iterator<Item = u32>, taken: u32) -> u32 {
     let mut lengths = [0_u32; 33];
     sample.for_each(|g| lengths[(32 - g.leading_zeros()) as usize] += 1);
@@ -219,7 +223,7 @@ fn coarsest(sample: impl Iterator<Item = u32>, taken: u32) -> u32 {
     (widest.unwrap_or(0) as u32).saturating_sub(BINS.ilog2())
 }
 
-/// Bits of a byte plane: the entropy of its bytes and of its escapes, roughly.
+/// Estimated bits of a byte plane: the entropy of its bytes, and its escapes.
 fn plane_bits(histogram: &[u32], taken: f64) -> f64 {
     let (direct, escaped) = histogram.split_at(255);
     let inside: u32 = direct.iter().sum();
@@ -238,7 +242,7 @@ fn plane_bits(histogram: &[u32], taken: f64) -> f64 {
 /// Appends rows of 0 and 1 as bits, the lowest first.
 pub fn pack(bits: &[u8], out: &mut Vec<u8>) {
     let (eights, rest) = bits.as_chunks::<8>();
-    // Each factor's bit lifts one of the eight to its place in the highest byte.
+    // Each bit of the factor moves one of the eight to its place in the highest byte.
     let byte = |bits| (u64::from_le_bytes(bits).wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8;
     out.extend(eights.iter().map(|&bits| byte(bits)));
     if !rest.is_empty() {
@@ -246,7 +250,8 @@ pub fn pack(bits: &[u8], out: &mut Vec<u8>) {
     }
 }
 
-/// The inverse of [`pack`]: `count` bits into `out`. Error if `bytes` are not just as many, or unused bits are set.
+/// Sets `out` to `count` bits: the inverse of [`pack`]. Fails if `bytes` has another length, or
+/// unused bits are set.
 pub fn unpack(bytes: &[u8], count: usize, out: &mut Vec<u8>) -> Result<()> {
     if bytes.len() != count.div_ceil(8) {
         return Err(Error::format("mask", format!("{} bytes", count.div_ceil(8)), bytes.len()));

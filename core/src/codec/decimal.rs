@@ -1,18 +1,21 @@
-//! Float32 samples that are decimals or binary fractions, as integers (`format-spec.md`, section 9.3).
+//! Float32 samples that are decimals or binary fractions, as integers (`format-spec.md`, section
+//! 9.3).
 //!
-//! Many float rasters are integers, centimetres or quarters of a foot that were written as floats. The integers `q` of
-//! `f32(q / s)` compress several times better than the floats' bits, and give the same bits back.
+//! Many float rasters hold integers, centimetres or quarters of a foot. The integers `q` of
+//! `f32(q / s)` compress several times better than the bits of the floats, and give the same bits
+//! back.
 
 use crate::codec::order;
 use crate::sample::{Lattice, VOID, code_from_f32, f32_from_code};
 
-/// Scale `s` of transform 1, 2, ...
+/// The scales `s` of transforms 1, 2, ...
 const SCALES: [f64; 12] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 10.0, 100.0, 1000.0];
 /// Transforms in the order of their scales: the first that fits has the smallest numbers.
 const BY_SCALE: [u8; 12] = [1, 2, 3, 4, 10, 5, 6, 7, 11, 8, 9, 12];
-/// Below this, steps of `q` are coarser than those of the float itself: the transform pays.
+/// Greatest `|q|`, exclusive: below it steps of `q` are coarser than those of the float, and the
+/// transform pays.
 const MAX_Q: i32 = 1 << 24;
-/// Samples that a transform is tried on before the rest.
+/// How many samples a transform is tried on before the others.
 const PROBES: usize = 24;
 
 /// Scale of a transform; `None` for 0 (none) and unknown ones.
@@ -20,7 +23,7 @@ pub fn scale(transform: u8) -> Option<f64> {
     SCALES.get(usize::from(transform).checked_sub(1)?).copied()
 }
 
-/// The integer nearest to `s` times the float of a code, limited to what an `i32` holds; NaN gives 0.
+/// The integer nearest to `s` times the float of a code, clamped to `i32`; 0 for NaN.
 #[inline]
 pub fn q_from_code(code: i32, scale: f64) -> i32 {
     let scaled = f64::from(f32_from_code(code)) * scale + 0.5;
@@ -36,7 +39,8 @@ pub fn code_from_q(q: i32, scale: f64) -> i32 {
     code_from_f32((f64::from(q) / scale) as f32)
 }
 
-/// The transform with the smallest scale that gives every newborn sample with a height back, 0 if there is none.
+/// The transform with the smallest scale that restores every newborn sample with a height; 0 if
+/// there is none.
 pub fn detect(lattice: &Lattice, root: bool) -> u8 {
     let stride = order::newborn_count(lattice.n, root) / PROBES + 1;
     let mut probes = Vec::with_capacity(PROBES);
@@ -61,7 +65,7 @@ pub fn detect(lattice: &Lattice, root: bool) -> u8 {
     BY_SCALE.iter().copied().find(fits).unwrap_or(0)
 }
 
-/// True if the transform gives `code` back, bit for bit, by a small number.
+/// True if the transform restores `code` bit for bit, and its integer is small enough.
 fn is_exact(code: i32, scale: f64) -> bool {
     let q = q_from_code(code, scale);
     (1 - MAX_Q..MAX_Q).contains(&q) && code_from_q(q, scale) == code

@@ -1,11 +1,12 @@
 //! The heights chunk of a tile (`format-spec.md`, section 9).
 //!
-//! Residuals of the newborn samples against predictions from what is known already. A sample that is void and has no
-//! fill gets its prediction, so its residual of 0 costs next to nothing.
+//! It has the residuals of the newborn samples against predictions from the samples known before
+//! them. A void sample without a fill keeps its prediction: its residual is 0, which takes hardly
+//! any bytes.
 
-use crate::codec::predict::Weights;
 pub use crate::codec::void::Fills;
 use crate::codec::walk::{Decoder, Encoder, Places};
+use crate::codec::word::Weights;
 use crate::codec::{Scratch, bits, decimal, frame, order};
 use crate::error::{Error, Result};
 use crate::sample::state;
@@ -17,14 +18,17 @@ const HEAD: usize = 12;
 const NARROW: u8 = 1;
 /// A tile is narrow if its heights lie closer together than this.
 const NARROW_RANGE: i64 = 1 << 22;
-/// The same with void samples: where they stand, centres may be up to 2.75 times as far from the base. (0.875 times that range
-/// below the lowest height or above the highest: predictions take up to 7/16 of the distance to samples of the padding, which lie up to
-/// that range outside.)
+/// [`NARROW_RANGE`] of a tile with void samples: centres there may be up to 2.75 times as far from
+/// the base. (They lie at most 0.875 times this range below the lowest height or above the highest:
+/// predictions take up to 7/16 of the distance to samples of the padding, which lie up to this
+/// range outside.)
 const NARROW_RANGE_VOID: i64 = 1 << 20;
 
-/// Appends the heights chunk of a tile; appends nothing if its length is 0. `fills`, if true, changes nothing in it.
+/// Appends the heights chunk of a tile; appends nothing if its length is 0. `fills` is a hint: if
+/// it holds, the bytes are the same and encoding is faster.
 ///
-/// Samples whose state is not [`VOID`] are kept exactly. Unless `root`, those with even column and row are the parent's.
+/// Samples whose state is not [`VOID`] are kept exactly. Unless `root`, the samples with even
+/// column and row are the parent's and are not stored.
 #[cfg(feature = "write")]
 pub fn encode(
     (lattice, fills): (&Lattice, Fills),
@@ -53,7 +57,7 @@ pub fn encode(
     let mut coder = Encoder { codes, places, fills, residuals, actual, states, near, weights, choose: true };
     scratch.walk.run(narrow, places, &mut coder);
     if root {
-        // Every stage has chosen for itself; there is room for the choice of one.
+        // Each stage has chosen weights for itself, but a chunk has room for one choice.
         coder.residuals.clear();
         coder.choose = false;
         scratch.walk.run(narrow, places, &mut coder);
@@ -88,10 +92,10 @@ pub fn encode(
     Ok(())
 }
 
-/// Fills in the codes (and lows) of all newborn samples of `lattice` from the heights chunk.
+/// Sets the codes (and lows) of all newborn samples of `lattice` from the heights chunk.
 ///
-/// `lattice.state` is decoded already; unless `root`, so are the samples with even column and row, which stay as they
-/// are. After an error the newborn samples are not defined.
+/// `lattice.state` must be decoded before; unless `root`, so must the samples with even column and
+/// row, which stay as they are. After an error the newborn samples are not defined.
 pub fn decode(
     chunk: &[u8],
     lattice: &mut Lattice,
@@ -112,7 +116,7 @@ pub fn decode(
     }
     let scale = decimal::scale(parts.transform);
     if let Some(scale) = scale {
-        // All others are newborn, and overwritten before they are read.
+        // All other samples are newborn, and set before they are read.
         scratch.decimals.resize(lattice.code.len(), 0);
         for stage in order::stages(n, root).take(usize::from(!root)) {
             for at in (0..=stage.m).flat_map(|b| stage.parents(b).indices()) {
@@ -145,7 +149,7 @@ pub fn decode(
     Ok(())
 }
 
-/// A heights chunk, taken apart.
+/// The parts of a heights chunk.
 struct Parts<'a> {
     narrow: bool,
     k: u32,
@@ -215,7 +219,7 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// The planes must be as large as `n` says: whoever calls is wrong otherwise.
+/// Fails unless the planes have the sizes that `n` calls for: others are the caller's mistake.
 fn check_shape(lattice: &Lattice, coding: Coding) -> Result<()> {
     let count = (lattice.n + 1) * (lattice.n + 1);
     let lows = if coding.has_low() { count } else { 0 };
@@ -226,14 +230,14 @@ fn check_shape(lattice: &Lattice, coding: Coding) -> Result<()> {
     Err(Error::usage(format!("a lattice of {} intervals does not have the samples of a tile", lattice.n)))
 }
 
-/// True if all samples with a height have the same.
+/// True if all samples with a height have the same height.
 fn is_constant(lattice: &Lattice) -> bool {
     let mut live = lattice.code.iter().zip(&lattice.state).filter(|(_, state)| **state != VOID);
     live.next().is_none_or(|(first, _)| live.all(|(code, _)| code == first))
 }
 
-/// True if 32-bit arithmetic predicts this tile rightly, relative to its base: codes lie close together, and no prediction that others are
-/// made of is taken modulo 2^32.
+/// True if 32-bit arithmetic relative to the tile's base gives the right predictions: codes lie
+/// close together, and no prediction that enters another one wraps modulo 2^32.
 fn is_narrow(codes: &[i32], places: Places<'_>) -> bool {
     let (limit, outside) =
         if places.has_void { (NARROW_RANGE_VOID, NARROW_RANGE_VOID) } else { (NARROW_RANGE, 0) };
@@ -242,13 +246,13 @@ fn is_narrow(codes: &[i32], places: Places<'_>) -> bool {
         let (low, high) = (i64::from(low), i64::from(high));
         high - low < limit && range.contains(&(low - outside)) && range.contains(&(high + outside))
     };
-    // Those that stand for no height, and 0, are seldom far from the others.
+    // Quick test: codes that stand for no height, and 0, are seldom far from the others.
     let (lowest, highest) = state::range(codes).unwrap_or_default();
     if narrow(lowest.min(0), highest.max(0)) {
         return true;
     }
     let Some((low, high)) = state::known_range(codes, places.state) else { return true };
-    // The base is one of the heights, or 0; and 0 stands in where no parent is valid.
+    // The base is one of the heights, or 0; and parents are 0 where none is valid.
     let base_is_height = !places.root || places.state[0] != VOID;
     let has_parent = order::stages(places.n, places.root)
         .take(1)
@@ -257,7 +261,7 @@ fn is_narrow(codes: &[i32], places: Places<'_>) -> bool {
     narrow(low, high)
 }
 
-/// The lows of all newborn samples, byte by byte; 0 for those without a height.
+/// Sets `out` to the lows of all newborn samples, lowest bytes first; 0 for those without a height.
 fn gather_lows(lattice: &Lattice, root: bool, out: &mut Vec<u8>) {
     out.clear();
     for shift in [0, 8, 16, 24] {

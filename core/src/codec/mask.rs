@@ -1,5 +1,5 @@
-//! The void mask of a tile (`format-spec.md`, section 8): one bit for each newborn sample, set where the majority of its
-//! neighbours is wrong about it.
+//! The void mask of a tile (`format-spec.md`, section 8): one bit for each newborn sample, set
+//! where its validity is not that of the majority of its neighbours.
 
 use crate::codec::order::{self, Row, Stage};
 use crate::codec::{Scratch, bits, frame};
@@ -8,7 +8,7 @@ use crate::sample::state;
 use crate::sample::{Lattice, VALID, VOID};
 use crate::simd::{self, Kernel};
 
-/// Which kinds of samples a tile's own lattice has: flags bit 0 and 1 of its index entry.
+/// Which kinds of samples a tile's own lattice has: bits 0 and 1 of the flags of its index entry.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Occupancy {
     /// At least one sample is valid.
@@ -24,17 +24,18 @@ pub(super) struct Validity {
     parents: Vec<u8>,
     /// `C`, with a frame of zeros around it, `(m + 2)^2`.
     centres: Vec<u8>,
-    /// One row.
+    /// Validity of one row.
     row: Vec<u8>,
     /// States of one row.
     states: Vec<u8>,
 }
 
-/// What encoder and decoder do with the rows of newborn samples.
+/// The part in which encoder and decoder differ.
 trait Coder {
-    /// States of the whole lattice, right for the samples that are known.
+    /// States of the whole lattice; those of newborn samples that are still to come are not
+    /// defined.
     fn state(&self) -> &[u8];
-    /// Takes the predictions of the next row and puts the validity in their place.
+    /// Replaces the predictions of the next row by the validity.
     fn code_row(&mut self, row: Row, valid: &mut [u8], states: &mut Vec<u8>);
 }
 
@@ -86,12 +87,13 @@ impl Validity {
     }
 }
 
-/// 1 where two of four neighbours are. Of the three at a border, half at least is two as well.
+/// Sets `out` to 1 where at least two of four neighbours are 1. At a border there are three, and
+/// half of them is also two.
 fn majority(out: &mut [u8], of: [&[u8]; 4]) {
     simd::run(Majority { of, out });
 }
 
-/// See [`majority`].
+/// [`majority`] as a kernel.
 struct Majority<'a> {
     of: [&'a [u8]; 4],
     out: &'a mut [u8],
@@ -111,7 +113,7 @@ impl Kernel for Majority<'_> {
     }
 }
 
-/// Puts validity in the place of predictions, and says where they were wrong.
+/// Kernel: replaces predictions by validity, and sets the bits where they were wrong.
 struct Correct<'a> {
     valid: &'a mut [u8],
     states: &'a [u8],
@@ -133,7 +135,7 @@ impl Kernel for Correct<'_> {
     }
 }
 
-/// Notes where predictions are wrong.
+/// The coder that collects where predictions are wrong.
 struct Encoder<'a> {
     state: &'a [u8],
     bits: &'a mut Vec<u8>,
@@ -153,7 +155,7 @@ impl Coder for Encoder<'_> {
     }
 }
 
-/// Corrects predictions.
+/// The coder that corrects predictions.
 struct Decoder<'a> {
     state: &'a mut [u8],
     bits: &'a [u8],
@@ -193,9 +195,10 @@ pub fn encode(lattice: &Lattice, root: bool, scratch: &mut Scratch, out: &mut Ve
     Ok(Occupancy { has_valid, has_void })
 }
 
-/// Writes [`VALID`] or [`VOID`] into the state of all newborn samples (of all samples if the tile has one kind only).
+/// Sets the state of all newborn samples (of all samples, if the tile has one kind only) to
+/// [`VALID`] or [`VOID`].
 ///
-/// Unless `root`, the state of the samples with even column and row is the parent's and there already.
+/// Unless `root`, the samples with even column and row have the states of the parent already.
 pub fn decode(
     chunk: &[u8],
     occupancy: Occupancy,
@@ -238,7 +241,7 @@ fn even_states(lattice: &Lattice) -> impl Iterator<Item = u8> {
     lattice.state.chunks_exact(lattice.n + 1).step_by(2).flat_map(|row| row.iter().copied().step_by(2))
 }
 
-/// The plane must be as large as `n` says: whoever calls is wrong otherwise.
+/// Fails unless the plane has the size that `n` calls for: another one is the caller's mistake.
 fn check_shape(lattice: &Lattice) -> Result<()> {
     let count = (lattice.n + 1) * (lattice.n + 1);
     if lattice.state.len() == count && lattice.n >= 2 && lattice.n.is_power_of_two() {

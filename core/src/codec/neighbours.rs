@@ -1,21 +1,23 @@
-//! The twelve samples around each sample of a row, and what is made of them: the loops that most of the time goes into.
+//! The twelve samples around each sample of a row, and the sums of them that predictions are made
+//! of: the loops in which the codec spends most of its time.
 
 #![expect(
     clippy::needless_range_loop,
     reason = "kernels count: an iterator's `next` may not be inlined there"
 )]
 
-use crate::codec::predict::{Weights, Word};
+use crate::codec::word::{Weights, Word};
 use crate::simd::Kernel;
 
-/// Neighbours of the samples of a row: slices of one length, where number `a` belongs to sample `a`.
+/// Neighbours of the samples of a row: slices of one length, where number `a` belongs to sample
+/// `a`.
 #[derive(Clone, Copy)]
 pub struct Neighbours<'a, W> {
-    /// The four nearest: two on the axis that a positive skew favours, and two on the other.
+    /// The four nearest: two on the axis that a positive skew favours, and two on the other axis.
     pub near: [&'a [W]; 4],
-    /// Of the eight around them those on the first axis's side.
+    /// Four of the eight around the nearest: those towards the first axis.
     pub sides: [&'a [W]; 4],
-    /// The others.
+    /// The other four of the eight.
     pub ends: [&'a [W]; 4],
 }
 
@@ -23,20 +25,21 @@ pub struct Neighbours<'a, W> {
 struct Sums<W> {
     /// The four nearest.
     near: W,
-    /// Twice those less the eight around them.
+    /// Twice the four nearest less the eight around them.
     bend: W,
-    /// Four times east and west less north and south, likewise less the eight around them.
+    /// Four times the nearest of the first axis less those of the other, less `sides` less `ends`.
     tilt: W,
 }
 
 impl<'a, W: Word> Neighbours<'a, W> {
-    /// The first `count` of each, so that the compiler knows.
+    /// The first `count` of each slice, so that the compiler knows their length.
     #[inline(always)]
     fn cut(self, count: usize) -> Self {
         let cut = |[a, b, c, d]: [&'a [W]; 4]| [&a[..count], &b[..count], &c[..count], &d[..count]];
         Self { near: cut(self.near), sides: cut(self.sides), ends: cut(self.ends) }
     }
 
+    /// The sums of sample `a`.
     #[inline(always)]
     fn sums(&self, a: usize) -> Sums<W> {
         let ([e, w, n, s], [p, q, r, t], [h, i, j, k]) = (self.near, self.sides, self.ends);
@@ -48,7 +51,7 @@ impl<'a, W: Word> Neighbours<'a, W> {
     }
 }
 
-/// Predicts a row.
+/// Kernel: the predictions of a row.
 pub struct Predict<'a, W> {
     pub from: Neighbours<'a, W>,
     pub weights: Weights,
@@ -71,10 +74,11 @@ impl<W: Word> Kernel for Predict<'_, W> {
     }
 }
 
-/// Notes what a weight has to do for the samples of a row: see [`crate::codec::probe::Probe`].
+/// Kernel: what a weight does for each sample of a row, `rest - weight * slope`; see
+/// [`crate::codec::probe::Probe`].
 pub struct Note<'a, W> {
     pub from: Neighbours<'a, W>,
-    /// What the samples should be.
+    /// The true codes of the samples.
     pub codes: &'a [i32],
     pub base: i32,
     /// The sharpness if the skew is to be chosen, `None` if the sharpness is.
@@ -91,7 +95,7 @@ impl<W: Word> Kernel for Note<'_, W> {
         let count = self.rest.len();
         let (from, base) = (self.from.cut(count), self.base);
         let (rest, slope, codes) = (&mut self.rest[..count], &mut self.slope[..count], &self.codes[..count]);
-        // What the mean of the four nearest leaves of a code, times 128.
+        // The code less the mean of the four nearest, times 128.
         let left = |a: usize, near: W| W::from_code(codes[a], base).up(7).minus(near.up(5));
         match self.sharpness {
             None => {
@@ -110,7 +114,7 @@ impl<W: Word> Kernel for Note<'_, W> {
     }
 }
 
-/// Sum of what a weight leaves.
+/// Kernel: the sum of the absolute residuals with a weight, times 128.
 pub struct Cost<'a, W> {
     pub rest: &'a [W],
     pub slope: &'a [W],

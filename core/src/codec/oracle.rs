@@ -1,5 +1,5 @@
-//! For tests: a reader in the words of `format-spec.md`. Exact numbers, one sample at a time, nothing shared with the
-//! codec.
+//! For tests: a reader in the words of `format-spec.md`. Exact numbers, one sample at a time,
+//! nothing shared with the codec.
 
 use crate::sample::{Coding, Lattice, VALID, VOID, code_from_f32, f32_from_code};
 

@@ -1,15 +1,29 @@
-//! The order of newborn samples: the rows of C, H and V, stage by stage (`format-spec.md`, section 7).
+//! The order of newborn samples: the rows of C, H and V, stage by stage (`format-spec.md`, section
+//! 7).
+//!
+//! A stage refines a lattice of `m` intervals to one of `2 m`. Here `m` is 2:
+//!
+//! ```text
+//! P  H  P  H  P     P  the parents, (m + 1)^2, known before
+//! V  C  V  C  V     C  first: the centres of the old cells, m rows of m
+//! P  H  P  H  P     H  then: the middles of their northern and southern sides, m + 1 rows of m
+//! V  C  V  C  V     V  last: the middles of their western and eastern sides, m rows of m + 1
+//! P  H  P  H  P
+//! ```
+//!
+//! A tile below the root has one stage, whose parents are samples of its parent tile. The root has
+//! all stages, from its four corners on.
 
 use crate::simd::{self, Kernel};
 
-/// Samples of a lattice that stand in one line, evenly spaced.
+/// A row of evenly spaced samples of a lattice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Row {
-    /// Index of the first.
+    /// Index of the first sample.
     pub first: usize,
-    /// Distance of indices.
+    /// Difference between the indices of two neighbours.
     pub step: usize,
-    /// How many.
+    /// How many samples it has.
     pub count: usize,
 }
 
@@ -29,12 +43,13 @@ impl Row {
         plane[self.first..].iter_mut().step_by(self.step).take(self.count)
     }
 
-    /// Index behind the last.
+    /// One more than the index of the last sample.
     pub fn end(self) -> usize {
         self.first + (self.count - 1) * self.step + 1
     }
 
-    /// Appends the row's samples of `plane`: faster than [`Row::of`] where it counts, in every second sample.
+    /// Appends the row's samples of `plane`. For rows of every second sample it is faster than
+    /// [`Row::of`].
     pub fn gather(self, plane: &[i32], out: &mut Vec<i32>) {
         if self.step == 2 {
             let (pairs, last) = plane[self.first..self.end()].as_chunks::<2>();
@@ -45,7 +60,7 @@ impl Row {
         }
     }
 
-    /// [`Row::gather`] of states: bytes are not fast unless asked for.
+    /// [`Row::gather`] of states: bytes need a kernel of their own to be fast.
     pub fn gather_states(self, state: &[u8], out: &mut Vec<u8>) {
         if self.step == 2 {
             let (pairs, last) = state[self.first..self.end()].as_chunks::<2>();
@@ -58,7 +73,7 @@ impl Row {
         }
     }
 
-    /// Puts `samples` into the row's places in `plane`; fast as [`Row::gather`].
+    /// Sets the row's samples of `plane` to `samples`; as fast as [`Row::gather`].
     pub fn scatter<T: Copy>(self, samples: &[T], plane: &mut [T]) {
         if self.step == 2 {
             let mut pairs = plane[self.first..self.end()].chunks_exact_mut(2);
@@ -74,7 +89,7 @@ impl Row {
     }
 }
 
-/// The first of each pair.
+/// Kernel: the first of each pair.
 struct Firsts<'a> {
     pairs: &'a [[u8; 2]],
     out: &'a mut [u8],
@@ -92,34 +107,35 @@ impl Kernel for Firsts<'_> {
     }
 }
 
-/// A refinement of a lattice of `m` intervals to one of `2 m`, both of them samples of a lattice of `n` intervals.
+/// A refinement of a lattice of `m` intervals to one of `2 m`. Both are samples of a lattice of `n`
+/// intervals, the whole lattice.
 #[derive(Clone, Copy, Debug)]
 pub struct Stage {
-    /// Intervals before.
+    /// Intervals on a side before the refinement.
     pub m: usize,
-    /// Intervals of the whole lattice.
+    /// Intervals on a side of the whole lattice.
     n: usize,
     /// Intervals of the whole lattice between samples after the refinement.
     half: usize,
 }
 
 impl Stage {
-    /// Samples with even column, row `b` of `m + 1`.
+    /// Row `b` of `m + 1` of the parents.
     pub fn parents(self, b: usize) -> Row {
         self.row(0, 2 * b, self.m + 1)
     }
 
-    /// Row `b` of `m` of the centres.
+    /// Row `b` of `m` of C, the centres.
     pub fn centres(self, b: usize) -> Row {
         self.row(1, 2 * b + 1, self.m)
     }
 
-    /// Row `b` of `m + 1` of the samples on even rows.
+    /// Row `b` of `m + 1` of H, the newborn samples on even rows.
     pub fn horizontals(self, b: usize) -> Row {
         self.row(1, 2 * b, self.m)
     }
 
-    /// Row `b` of `m` of the samples on even columns.
+    /// Row `b` of `m` of V, the newborn samples on even columns.
     pub fn verticals(self, b: usize) -> Row {
         self.row(0, 2 * b + 1, self.m + 1)
     }
@@ -129,7 +145,7 @@ impl Stage {
         self.m * self.m + 2 * self.m * (self.m + 1)
     }
 
-    /// Intervals of the whole lattice.
+    /// Intervals on a side of the whole lattice.
     pub fn intervals(self) -> usize {
         self.n
     }
@@ -139,8 +155,8 @@ impl Stage {
         self.half
     }
 
-    /// Indices of the samples of the refined lattice around the one in column `x`, row `y`; a place outside the lattice is given as the
-    /// sample itself.
+    /// Indices of the eight samples of the refined lattice around the one in column `x`, row `y` of
+    /// the whole lattice. For a place outside the lattice it is the index of the sample itself.
     pub fn around(self, (x, y): (usize, usize)) -> [usize; 8] {
         let (width, half) = (self.n + 1, self.half);
         let at = y * width + x;
@@ -166,7 +182,7 @@ impl Stage {
         Row { first: (y * (self.n + 1) + x) * self.half, step: 2 * self.half, count }
     }
 
-    /// The stage's newborn samples.
+    /// The rows of the stage's newborn samples, in order.
     pub fn newborn(self) -> impl Iterator<Item = Row> {
         let centres = (0..self.m).map(move |b| self.centres(b));
         let horizontals = (0..=self.m).map(move |b| self.horizontals(b));
@@ -175,7 +191,8 @@ impl Stage {
     }
 }
 
-/// The stages of a tile of `n` intervals (a power of two, at least 2): all for the root, the last one for others.
+/// The stages of a tile of `n` intervals (a power of two, at least 2): all for the root, the last
+/// one for others.
 pub fn stages(n: usize, root: bool) -> impl Iterator<Item = Stage> {
     let last = n.trailing_zeros().max(1) - 1;
     let first = if root { 0 } else { last };
@@ -187,7 +204,7 @@ pub fn corners(n: usize, root: bool) -> impl Iterator<Item = Row> {
     [0, n * (n + 1)].into_iter().map(move |first| Row { first, step: n, count: 2 }).filter(move |_| root)
 }
 
-/// All newborn samples of a tile.
+/// The rows of all newborn samples of a tile, in order.
 pub fn newborn(n: usize, root: bool) -> impl Iterator<Item = Row> {
     corners(n, root).chain(stages(n, root).flat_map(Stage::newborn))
 }
@@ -197,8 +214,8 @@ pub fn newborn_count(n: usize, root: bool) -> usize {
     if root { (n + 1) * (n + 1) } else { (n + 1) * (n + 1) - (n / 2 + 1) * (n / 2 + 1) }
 }
 
-/// Where the order changes from a plane to another of about the same size: after C and after H of the last stage, at
-/// the end of V.
+/// Places in the order of newborn samples where the last stage changes from one plane to the next:
+/// after C, after H and after V.
 pub fn cuts(n: usize, root: bool) -> [usize; 3] {
     let (end, edges) = (newborn_count(n, root), n / 2 * (n / 2 + 1));
     [end - 2 * edges, end - edges, end]
@@ -229,7 +246,8 @@ mod tests {
     fn the_first_rows_are_those_of_the_specification() {
         let rows: Vec<_> = newborn(4, true).take(7).collect();
         let row = |first, step, count| Row { first, step, count };
-        // Corners, then C, H, V of the 2 x 2 lattice of corners: centre (2, 2), then (2, 0), (2, 4), (0, 2), (4, 2).
+        // Corners, then C, H, V of the 2 x 2 lattice of corners: centre (2, 2), then (2, 0), (2,
+        // 4), (0, 2), (4, 2).
         assert_eq!(rows[..2], [row(0, 4, 2), row(20, 4, 2)]);
         assert_eq!(rows[2..6], [row(12, 4, 1), row(2, 4, 1), row(22, 4, 1), row(10, 4, 2)]);
         // First centre of the last stage.

@@ -1,101 +1,13 @@
-//! Prediction of newborn samples from their parents and from the centres (`format-spec.md`, section 9.2).
+//! Prediction of newborn samples from their parents and from the centres (`format-spec.md`, section
+//! 9.2).
 //!
-//! Samples stand in planes with one sample of padding around them, so that every row is predicted by the same
-//! branch-free loop. The arithmetic is generic: 64 bits always suffice, 32 bits do for a *narrow* tile.
+//! Samples stand in planes with one sample of padding around them, so that every row is predicted
+//! by the same branch-free loop. The arithmetic is generic: 64 bits always suffice, 32 bits do for
+//! a *narrow* tile.
 
 use crate::codec::neighbours::{Neighbours, Predict};
-use crate::codec::probe::Probe;
+use crate::codec::word::{Weights, Word};
 use crate::simd::{self, Kernel};
-
-/// Integers that predictions are computed in. All operations wrap.
-pub trait Word: Copy + Default {
-    /// A code, relative to `base`.
-    fn from_code(code: i32, base: i32) -> Self;
-    /// The code of a number relative to `base`, modulo 2^32.
-    fn code(self, base: i32) -> i32;
-    /// `self + other`.
-    fn plus(self, other: Self) -> Self;
-    /// `self - other`.
-    fn minus(self, other: Self) -> Self;
-    /// `self * 2^bits`.
-    fn up(self, bits: u32) -> Self;
-    /// `self * factor`.
-    fn times(self, factor: i32) -> Self;
-    /// `|self|`.
-    fn magnitude(self) -> u64;
-    /// `floor((self + 2^(bits - 1)) / 2^bits)`.
-    fn rounded_down(self, bits: u32) -> Self;
-}
-
-impl Word for i32 {
-    #[inline(always)]
-    fn from_code(code: i32, base: i32) -> Self {
-        code.wrapping_sub(base)
-    }
-    #[inline(always)]
-    fn code(self, base: i32) -> i32 {
-        self.wrapping_add(base)
-    }
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        self.wrapping_add(other)
-    }
-    #[inline(always)]
-    fn minus(self, other: Self) -> Self {
-        self.wrapping_sub(other)
-    }
-    #[inline(always)]
-    fn up(self, bits: u32) -> Self {
-        self << bits
-    }
-    #[inline(always)]
-    fn times(self, factor: i32) -> Self {
-        self.wrapping_mul(factor)
-    }
-    #[inline(always)]
-    fn magnitude(self) -> u64 {
-        u64::from(self.unsigned_abs())
-    }
-    #[inline(always)]
-    fn rounded_down(self, bits: u32) -> Self {
-        self.wrapping_add(1 << (bits - 1)) >> bits
-    }
-}
-
-impl Word for i64 {
-    #[inline(always)]
-    fn from_code(code: i32, base: i32) -> Self {
-        Self::from(code) - Self::from(base)
-    }
-    #[inline(always)]
-    fn code(self, base: i32) -> i32 {
-        (self as i32).wrapping_add(base)
-    }
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        self.wrapping_add(other)
-    }
-    #[inline(always)]
-    fn minus(self, other: Self) -> Self {
-        self.wrapping_sub(other)
-    }
-    #[inline(always)]
-    fn up(self, bits: u32) -> Self {
-        self << bits
-    }
-    #[inline(always)]
-    fn times(self, factor: i32) -> Self {
-        self.wrapping_mul(Self::from(factor))
-    }
-    #[inline(always)]
-    fn magnitude(self) -> u64 {
-        self.unsigned_abs()
-    }
-    #[inline(always)]
-    fn rounded_down(self, bits: u32) -> Self {
-        self.wrapping_add(1 << (bits - 1)) >> bits
-    }
-}
 
 /// A plane of samples with one sample of padding on every side.
 #[derive(Default)]
@@ -106,7 +18,7 @@ pub struct Plane<W> {
 }
 
 impl<W: Word> Plane<W> {
-    /// Makes room for `width x height` samples; what they are is not defined.
+    /// Sets the size to `width x height` samples, whose values are not defined.
     fn resize(&mut self, width: usize, height: usize) {
         (self.width, self.height) = (width, height);
         self.data.resize((width + 2) * (height + 2), W::default());
@@ -129,7 +41,8 @@ impl<W: Word> Plane<W> {
         simd::run(SetRow { row: self.row_mut(row), codes, base });
     }
 
-    /// Continues rows and columns by one sample in a straight line; a single sample by itself.
+    /// Sets the padding: rows and columns continue by one sample in a straight line, a single
+    /// sample unchanged.
     fn pad(&mut self) {
         let (width, height, stride) = (self.width, self.height, self.width + 2);
         for row in self.data.chunks_exact_mut(stride).skip(1).take(height) {
@@ -146,7 +59,7 @@ impl<W: Word> Plane<W> {
     }
 }
 
-/// Sets samples to codes relative to `base`.
+/// Kernel: sets samples to codes relative to `base`.
 struct SetRow<'a, W> {
     row: &'a mut [W],
     codes: &'a [i32],
@@ -172,33 +85,6 @@ fn beyond<W: Word>(last: W, before: W) -> W {
     last.up(1).minus(before)
 }
 
-/// How far predictions reach beyond the mean of the four nearest samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Weights {
-    /// 0: the mean of the four nearest; up to 7: the eight around them count against it more and more.
-    pub sharpness: i32,
-    /// Above 0 samples to the east and west count more (up to 7), below 0 those to the north and south (down to -7).
-    pub skew: i32,
-}
-
-impl Weights {
-    /// What suits most terrain.
-    pub const USUAL: Self = Self { sharpness: 5, skew: 0 };
-    /// Range of both.
-    pub const MAX: i32 = 7;
-
-    /// From a chunk's byte; `None` if there are no such weights.
-    pub fn from_byte(byte: u8) -> Option<Self> {
-        let weights = Self { sharpness: i32::from(byte & 15), skew: i32::from(byte >> 4) - 8 };
-        (weights.sharpness <= Self::MAX && weights.skew >= -Self::MAX).then_some(weights)
-    }
-
-    /// The byte of a chunk.
-    pub fn byte(self) -> u8 {
-        (self.sharpness | (self.skew + 8) << 4) as u8
-    }
-}
-
 /// The planes that one stage predicts from.
 #[derive(Default)]
 pub struct Planes<W> {
@@ -208,8 +94,6 @@ pub struct Planes<W> {
     centres: Plane<W>,
     /// Subtracted from all codes before they become words.
     pub(super) base: i32,
-    /// Room for a probe.
-    pub(super) probe: Probe<W>,
 }
 
 impl<W: Word> Planes<W> {
@@ -224,12 +108,12 @@ impl<W: Word> Planes<W> {
         self.parents.pad();
     }
 
-    /// Takes the codes of row `row` of the centres.
+    /// Sets row `row` of the centres to `codes`.
     pub fn set_centres(&mut self, row: usize, codes: &[i32]) {
         self.centres.set_row(row, codes, self.base);
     }
 
-    /// To be called when all centres are set, before H and V are predicted.
+    /// Ends the centres; call it when all of them are set, before H and V are predicted.
     pub fn finish_centres(&mut self) {
         self.centres.pad();
     }

@@ -1,16 +1,18 @@
-//! An encoder's choice of weights: some rows of samples are tried out, and the weights that leave least are taken.
+//! An encoder's choice of weights: those that leave the least residuals in a part of the rows.
 
 use crate::codec::neighbours::{Cost, Neighbours, Note};
 use crate::codec::order::{Row, Stage};
-use crate::codec::predict::{Planes, Weights, Word};
+use crate::codec::predict::Planes;
+use crate::codec::word::{Weights, Word};
 use crate::sample::VALID;
 use crate::sample::state;
 use crate::simd;
 
-/// Rows of a plane that are tried out, at least.
+/// Rows of a plane that are tried, at least; all, if it has fewer.
 const ROWS: usize = 16;
 
-/// What weights are judged by: samples whose residual is `rest - weight * slope`, in units of 1/128.
+/// The samples that weights are tried on: the residual of each is `rest - weight * slope`, in units
+/// of 1/128.
 #[derive(Default)]
 pub struct Probe<W> {
     rest: Vec<W>,
@@ -19,19 +21,19 @@ pub struct Probe<W> {
     codes: Vec<i32>,
 }
 
-/// The heights that are to be predicted.
+/// The heights that a stage is to predict.
 #[derive(Clone, Copy)]
 pub struct Target<'a> {
     /// Codes of the whole lattice.
     pub codes: &'a [i32],
     /// States of the whole lattice: only valid samples count.
     pub state: &'a [u8],
-    /// The stage in question.
+    /// The stage.
     pub stage: Stage,
 }
 
 impl Target<'_> {
-    /// Some of the rows from `first` to `last`, spread evenly.
+    /// Evenly spread rows of `first..last`, about [`ROWS`] of them.
     fn some(self, first: usize, last: usize) -> impl Iterator<Item = usize> {
         let step = (self.stage.m / ROWS).max(1);
         (first + step / 2..last).step_by(step)
@@ -45,7 +47,8 @@ impl<W: Word> Probe<W> {
         self.slope.clear();
     }
 
-    /// Takes the valid samples of a row, whose neighbours are `from`. To choose a skew, the sharpness is given.
+    /// Adds the valid samples of a row, whose neighbours are `from`. The sharpness is given if the
+    /// skew is to be chosen.
     fn take(
         &mut self,
         row: Row,
@@ -75,12 +78,13 @@ impl<W: Word> Probe<W> {
         self.slope.truncate(end);
     }
 
-    /// Sum of what `weight` leaves.
+    /// Sum of the absolute residuals with `weight`.
     fn cost(&self, weight: i32) -> u64 {
         simd::run(Cost { rest: &self.rest, slope: &self.slope, weight })
     }
 
-    /// The weight that leaves least. The sum is convex in the weight: downhill from `start` is enough.
+    /// The weight of the least sum. The sum is convex in the weight, so a descent from `start`
+    /// finds it.
     fn best(&self, lowest: i32, highest: i32, start: i32) -> i32 {
         let mut best = (self.cost(start), start);
         for step in [1, -1] {
@@ -95,41 +99,33 @@ impl<W: Word> Probe<W> {
         }
         best.1
     }
-}
 
-impl<W: Word> Planes<W> {
-    /// The sharpness that suits the centres; to be called after [`Planes::start`].
-    pub fn choose_sharpness(&mut self, target: Target<'_>) -> i32 {
-        let mut probe = std::mem::take(&mut self.probe);
-        probe.clear();
+    /// The sharpness that suits the centres of `planes`, after [`Planes::start`].
+    pub fn choose_sharpness(&mut self, planes: &Planes<W>, target: Target<'_>) -> i32 {
+        self.clear();
         let m = target.stage.m;
         for b in target.some(0, m) {
-            probe.take(target.stage.centres(b), self.centres(b, m), target, self.base, None);
+            self.take(target.stage.centres(b), planes.centres(b, m), target, planes.base, None);
         }
-        let best = probe.best(0, Weights::MAX, Weights::USUAL.sharpness);
-        self.probe = probe;
-        best
+        self.best(0, Weights::MAX, Weights::USUAL.sharpness)
     }
 
-    /// The skew that suits H and V; to be called after [`Planes::finish_centres`].
-    pub fn choose_skew(&mut self, target: Target<'_>, sharpness: i32) -> i32 {
-        let mut probe = std::mem::take(&mut self.probe);
-        probe.clear();
+    /// The skew that suits H and V of `planes`, after [`Planes::finish_centres`].
+    pub fn choose_skew(&mut self, planes: &Planes<W>, target: Target<'_>, sharpness: i32) -> i32 {
+        self.clear();
         let m = target.stage.m;
         for b in target.some(1, m) {
-            let (row, from) = (target.stage.horizontals(b), self.horizontals(b, m));
-            probe.take(row, from, target, self.base, Some(sharpness));
+            let (row, from) = (target.stage.horizontals(b), planes.horizontals(b, m));
+            self.take(row, from, target, planes.base, Some(sharpness));
         }
         for b in target.some(0, m) {
             // Without the columns at the borders, which have no weights.
             let row = target.stage.verticals(b);
             let inner = Row { first: row.first + row.step, count: m - 1, ..row };
             if inner.count > 0 {
-                probe.take(inner, self.verticals(b, m - 1), target, self.base, Some(sharpness));
+                self.take(inner, planes.verticals(b, m - 1), target, planes.base, Some(sharpness));
             }
         }
-        let best = probe.best(-Weights::MAX, Weights::MAX, Weights::USUAL.skew);
-        self.probe = probe;
-        best
+        self.best(-Weights::MAX, Weights::MAX, Weights::USUAL.skew)
     }
 }

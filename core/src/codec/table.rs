@@ -13,9 +13,10 @@ pub struct ErrorTable {
     pub steps: usize,
     /// Which patches have a valid sample; row by row from the north-west, `patches^2`.
     pub drawable: Vec<bool>,
-    /// Vertical errors by step, patch row, patch column: `steps * patches^2`, never smaller at a later step.
+    /// Vertical errors by step, patch row, patch column: `steps * patches^2`, never smaller at a
+    /// later step.
     pub vertical: Vec<u16>,
-    /// Horizontal errors, likewise.
+    /// Horizontal errors, in the same order.
     pub horizontal: Vec<u16>,
 }
 
@@ -71,7 +72,7 @@ fn content_length(count: usize, steps: usize) -> usize {
     count.div_ceil(8) + 4 * count * steps
 }
 
-/// Step 0, then what every step adds to the one before.
+/// The errors of step 0, then the increase of each step over the one before.
 fn increases(plane: &[u16], count: usize) -> Result<Vec<u16>> {
     let before = std::iter::repeat_n(&0, count).chain(plane);
     let increases = plane.iter().zip(before).map(|(code, before)| code.checked_sub(*before));
@@ -81,7 +82,8 @@ fn increases(plane: &[u16], count: usize) -> Result<Vec<u16>> {
         .ok_or_else(|| Error::usage("an error table's errors shrink at a coarser step, or exceed infinity"))
 }
 
-/// The inverse of [`increases`], from the low bytes of all numbers, then the high ones.
+/// The errors of the low bytes and then the high bytes of all increases: the inverse of
+/// [`increases`].
 fn sums(bytes: &[u8], count: usize) -> Result<Vec<u16>> {
     let (low, high) = bytes.split_at(bytes.len() / 2);
     let mut codes: Vec<u16> =

@@ -1,4 +1,5 @@
-//! The codec against a slow reader that follows the specification word by word, and against damaged chunks.
+//! The codec against a slow reader that follows the specification word by word, and against damaged
+//! chunks.
 
 use super::{Scratch, decimal, height, mask, oracle, table};
 use crate::sample::{Coding, FILLED, Lattice, VALID, VOID, code_from_f32, code_from_f64};
@@ -181,7 +182,8 @@ fn codes_at(place: usize, range: u64, next: &mut impl FnMut() -> u64) -> i32 {
 }
 
 proptest! {
-    /// Predictions of void samples leave the range of i32 at its ends: the oracle, which knows nothing of narrow tiles, agrees.
+    /// Predictions of void samples leave the range of i32 at its ends: the oracle, which knows
+    /// nothing of narrow tiles, agrees.
     #[test]
     fn a_reader_that_ignores_hints_agrees_at_the_ends_of_the_range(
         seed: u64, place in 0_usize..4, log_range in 0_u32..33, coding in 0_usize..3, voids in 0_u64..10, log_n in 1_u32..6,
@@ -378,8 +380,8 @@ fn one_kind_of_samples_needs_no_mask() {
     assert!(decode(true, false, &[0]).is_err());
 }
 
-/// Chunks of version 1: a 5 x 5 root with a void sample and a filled one. Whatever a later encoder writes, these must
-/// be read as they are now.
+/// Chunks of version 1: a 5 x 5 root with a void sample and a filled one. Whatever a later encoder
+/// writes, these must be read as they are now.
 #[test]
 fn golden_chunks_of_version_1() {
     const HEIGHTS: [u8; 58] = [
@@ -408,7 +410,8 @@ fn golden_chunks_of_version_1() {
     let occupancy = mask::Occupancy { has_valid: true, has_void: true };
     mask::decode(&MASK, occupancy, &mut decoded, true, &mut scratch).unwrap();
     height::decode(&HEIGHTS, &mut decoded, coding, true, &mut scratch).unwrap();
-    // The void sample: lower median of 0, 1, 4, 25, 100, 121, 144 around it, without the filled one.
+    // The void sample: lower median of 0, 1, 4, 25, 100, 121, 144 around it, without the filled
+    // one.
     lattice.code[6] = 25;
     lattice.state[7] = VOID;
     assert_eq!(decoded.code, lattice.code);

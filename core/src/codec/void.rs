@@ -1,4 +1,5 @@
-//! Fills among newborn samples (`format-spec.md`, section 9.2): most are the median of what is around them.
+//! Fills among newborn samples (`format-spec.md`, section 9.2): most are the median of the samples
+//! around them.
 
 use crate::codec::bits;
 use crate::codec::order::Stage;
@@ -6,20 +7,21 @@ use crate::sample::state;
 use crate::sample::{FILLED, VALID};
 use crate::simd::{self, Kernel};
 
-/// Where the fills of a tile come from: what the encoder need not find out.
+/// Where the fills of a tile come from: a hint that saves the encoder work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fills {
-    /// From anywhere.
+    /// Unknown.
     Any,
-    /// From the samples beside them: every void sample that has valid ones beside it, and does not stand on the tile's border, is filled
-    /// with their lower median (`tile::fill` of a leaf). Said of other fills, they come back as other heights: only builds with debug
-    /// assertions look.
+    /// Every void sample off the tile's border that has valid samples around it is filled with
+    /// their lower median, as `tile::fill` does in a leaf. If this is not so, the fills are decoded
+    /// as other heights; only builds with debug assertions check it.
     Beside,
 }
 
-/// Sets the residuals of the fills of a stage, when its valid samples are all known.
+/// Sets the residuals of the fills of a stage, all of whose valid samples are known.
 ///
-/// `residuals` are those of its newborn samples, in their order, from their predictions. `near` is room for a row.
+/// `residuals` are those of its newborn samples in order, against their predictions. `near` is
+/// scratch memory for a row.
 pub fn code_fills(
     (codes, state): (&[i32], &[u8]),
     stage: Stage,
@@ -42,7 +44,7 @@ pub fn code_fills(
         };
         if fills == Fills::Beside && stage.half() == 1 && (1..n).contains(&y) {
             near_valid(state, width, y, 1, near);
-            // Not so on the border.
+            // On the border `Fills::Beside` says nothing.
             for x in [0, n].into_iter().filter(|&x| states.len() == width && state[y * width + x] == FILLED) {
                 near[x] = 0;
                 of_row[x / 2] = residual(x).unwrap_or(of_row[x / 2]);
@@ -56,7 +58,7 @@ pub fn code_fills(
             simd::run(NoneBeside { states, near: &near[first..], residuals: of_row });
             continue;
         }
-        // A power of two.
+        // The step is a power of two.
         let step = row.step.trailing_zeros();
         state::each_place(states, FILLED, |place| {
             let number = place >> step;
@@ -69,7 +71,8 @@ pub fn code_fills(
     }
 }
 
-/// The inverse of [`code_fills`]: the codes of a stage's void samples, from their predictions and residuals.
+/// The inverse of [`code_fills`]: the codes of a stage's void samples, from their predictions and
+/// residuals.
 pub fn restore_fills(codes: &mut [i32], state: &[u8], stage: Stage, mut residuals: &[u32]) {
     let (width, mut near) = (stage.intervals() + 1, Vec::new());
     for row in stage.newborn() {
@@ -89,7 +92,8 @@ pub fn restore_fills(codes: &mut [i32], state: &[u8], stage: Stage, mut residual
     }
 }
 
-/// Sets the residuals of the void samples with a valid one beside them to 0; of every second sample from the first on.
+/// Kernel: sets the residuals of void samples with a valid one beside them to 0. `residuals` has
+/// every second sample of `states` from the first on.
 struct NoneBeside<'a> {
     states: &'a [u8],
     near: &'a [u8],
@@ -111,12 +115,14 @@ impl Kernel for NoneBeside<'_> {
     }
 }
 
-/// The lower median of the codes of the valid samples around the void one in column `x`, row `y`; `None` if there is none.
+/// The lower median of the codes of the valid samples around the void sample in column `x`, row
+/// `y`; `None` if there is none.
 fn lower_median(codes: &[i32], state: &[u8], stage: Stage, at: (usize, usize)) -> Option<i32> {
     let (mut near, mut count) = ([i32::MAX; 8], 0);
     // A place outside the lattice is the void sample itself.
     for (near, place) in near.iter_mut().zip(stage.around(at)) {
-        // All ones of a sample that does not count: there is no telling which do, so no branch that could guess.
+        // All ones if the sample does not count. Which do is random, so a branch would be predicted
+        // badly.
         let out = -i32::from(state[place] != VALID);
         *near = (codes[place] & !out) | (out & i32::MAX);
         count += (out + 1) as usize;
@@ -124,15 +130,16 @@ fn lower_median(codes: &[i32], state: &[u8], stage: Stage, at: (usize, usize)) -
     state::median_of(near, count)
 }
 
-/// Whether a sample of row `y` may have a valid one around it, `h` samples away, column by column into `near`, 1 if so: most void samples have
-/// none, and this says so for a whole row at a time.
+/// Sets `near`, for each column of row `y`, to 1 if a sample `h` away in any of the eight
+/// directions may be valid, else to 0. Most void samples have no valid one near; this finds out for
+/// a whole row at a time.
 fn near_valid(state: &[u8], width: usize, y: usize, h: usize, near: &mut Vec<u8>) {
     near.clear();
     near.resize(width, 0);
     simd::run(NearValid { state, width, y, h, near });
 }
 
-/// See [`near_valid`].
+/// [`near_valid`] as a kernel.
 struct NearValid<'a> {
     state: &'a [u8],
     width: usize,

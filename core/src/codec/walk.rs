@@ -1,33 +1,34 @@
-//! The walk through a tile's newborn samples: the same stages and predictions for encoder and decoder, which differ in
-//! what they do with a row of predictions.
+//! The walk through a tile's newborn samples. Encoder and decoder go through the same stages and
+//! predictions, and differ in what they do with a row of predictions.
 
 use crate::codec::bits;
 use crate::codec::order::{self, Row, Stage};
-use crate::codec::predict::{Planes, Weights, Word};
-use crate::codec::probe::Target;
+use crate::codec::predict::Planes;
+use crate::codec::probe::{Probe, Target};
 use crate::codec::void::{self, Fills};
+use crate::codec::word::{Weights, Word};
 use crate::sample::interpolate;
 use crate::sample::state;
 use crate::sample::{VALID, VOID};
 use crate::simd::{self, Kernel};
 
-/// What encoder and decoder do with the newborn samples.
+/// The part of the walk in which encoder and decoder differ.
 pub trait Coder {
-    /// Codes of the whole lattice, right for the samples that are known.
+    /// Codes of the whole lattice; those of newborn samples that are still to come are not defined.
     fn codes(&self) -> &[i32];
-    /// The code of the next corner of the root, of which the prediction is known.
+    /// Codes the next corner of the root from its prediction, and returns its code.
     fn code_corner(&mut self, at: usize, prediction: i32) -> i32;
-    /// Takes the predictions of the next row and puts the codes in their place; void samples keep their predictions.
+    /// Replaces the predictions of the next row by the codes; void samples keep their predictions.
     fn code_row(&mut self, row: Row, codes: &mut [i32]);
     /// The sharpness of a stage whose parents are set.
-    fn sharpness<W: Word>(&mut self, stage: Stage, planes: &mut Planes<W>) -> i32;
+    fn sharpness<W: Word>(&mut self, stage: Stage, numbers: &mut Numbers<W>) -> i32;
     /// The weights of a stage whose centres are set.
-    fn weights<W: Word>(&mut self, stage: Stage, planes: &mut Planes<W>) -> Weights;
+    fn weights<W: Word>(&mut self, stage: Stage, numbers: &mut Numbers<W>) -> Weights;
     /// Codes the fills of the stage's void samples, when its valid samples are all known.
     fn fill(&mut self, stage: Stage);
 }
 
-/// The places of a tile's samples.
+/// Which samples a tile has, and which of them are valid.
 #[derive(Clone, Copy)]
 pub struct Places<'a> {
     /// Intervals on a side.
@@ -36,28 +37,36 @@ pub struct Places<'a> {
     pub root: bool,
     /// State of all samples.
     pub state: &'a [u8],
-    /// False if all samples are valid: most tiles, and faster.
+    /// False if all samples are valid, as in most tiles; they take a faster way.
     pub has_void: bool,
 }
 
 impl<'a> Places<'a> {
-    /// Places of a tile.
+    /// The places of a tile with these states.
     pub fn new(n: usize, root: bool, state: &'a [u8]) -> Self {
         Self { n, root, state, has_void: !state::all_valid(state) }
     }
 }
 
-/// Buffers of [`Walk::run`].
+/// Scratch memory of [`Walk::run`].
 #[derive(Default)]
 pub struct Walk {
-    buffers: Buffers,
-    narrow: Planes<i32>,
-    wide: Planes<i64>,
+    scratch: Scratch,
+    narrow: Numbers<i32>,
+    wide: Numbers<i64>,
 }
 
-/// Those of the buffers that do not depend on the width of the arithmetic.
+/// The part of the scratch memory that depends on the width of the arithmetic.
 #[derive(Default)]
-struct Buffers {
+pub struct Numbers<W> {
+    planes: Planes<W>,
+    probe: Probe<W>,
+}
+
+/// The part of the scratch memory that does not depend on the width of the arithmetic: rows of
+/// codes and states.
+#[derive(Default)]
+struct Scratch {
     row: Vec<i32>,
     parents: Vec<i32>,
     states: Vec<u8>,
@@ -67,31 +76,32 @@ impl Walk {
     /// Sends all newborn samples through `coder`, in order.
     pub fn run(&mut self, narrow: bool, places: Places<'_>, coder: &mut impl Coder) {
         if narrow {
-            self.buffers.walk(&mut self.narrow, places, coder);
+            self.scratch.walk(&mut self.narrow, places, coder);
         } else {
-            self.buffers.walk(&mut self.wide, places, coder);
+            self.scratch.walk(&mut self.wide, places, coder);
         }
     }
 }
 
-impl Buffers {
+impl Scratch {
     /// Sends all newborn samples through `coder`, predicted in `W`.
-    fn walk<W: Word>(&mut self, planes: &mut Planes<W>, places: Places<'_>, coder: &mut impl Coder) {
+    fn walk<W: Word>(&mut self, numbers: &mut Numbers<W>, places: Places<'_>, coder: &mut impl Coder) {
         let Places { n, root, .. } = places;
         self.row.clear();
         self.row.resize(n / 2 + 1, 0);
         let base_of_root = root.then(|| code_corners(n, coder));
         for stage in order::stages(n, root) {
             self.gather_parents(stage, places, coder.codes());
-            planes.start(stage.m, &self.parents, base_of_root.unwrap_or(self.parents[0]));
-            refine(&mut self.row, planes, stage, coder);
+            let base = base_of_root.unwrap_or(self.parents[0]);
+            numbers.planes.start(stage.m, &self.parents, base);
+            refine(&mut self.row, numbers, stage, coder);
             if places.has_void {
                 coder.fill(stage);
             }
         }
     }
 
-    /// Sets the parents of a stage, the void ones replaced.
+    /// Sets the parents of a stage; void ones are interpolated.
     fn gather_parents(&mut self, stage: Stage, places: Places<'_>, codes: &[i32]) {
         self.parents.clear();
         for b in 0..=stage.m {
@@ -110,16 +120,17 @@ impl Buffers {
 }
 
 /// Sends C, H and V of a stage through `coder`.
-fn refine<W: Word>(row: &mut [i32], planes: &mut Planes<W>, stage: Stage, coder: &mut impl Coder) {
+fn refine<W: Word>(row: &mut [i32], numbers: &mut Numbers<W>, stage: Stage, coder: &mut impl Coder) {
     let m = stage.m;
-    let sharpness = coder.sharpness(stage, planes);
+    let sharpness = coder.sharpness(stage, numbers);
     for b in 0..m {
-        planes.predict_centres(b, sharpness, &mut row[..m]);
+        numbers.planes.predict_centres(b, sharpness, &mut row[..m]);
         coder.code_row(stage.centres(b), &mut row[..m]);
-        planes.set_centres(b, &row[..m]);
+        numbers.planes.set_centres(b, &row[..m]);
     }
-    planes.finish_centres();
-    let weights = coder.weights(stage, planes);
+    numbers.planes.finish_centres();
+    let weights = coder.weights(stage, numbers);
+    let planes = &numbers.planes;
     for b in 0..=m {
         planes.predict_horizontals(b, weights, &mut row[..m]);
         coder.code_row(stage.horizontals(b), &mut row[..m]);
@@ -130,7 +141,8 @@ fn refine<W: Word>(row: &mut [i32], planes: &mut Planes<W>, stage: Stage, coder:
     }
 }
 
-/// Sends the corners of the root through `coder`, each predicted by the one before; gives the first.
+/// Sends the corners of the root through `coder`, each predicted by the one before. Returns the
+/// code of the first.
 fn code_corners(n: usize, coder: &mut impl Coder) -> i32 {
     let mut code = 0;
     let mut first = None;
@@ -141,7 +153,7 @@ fn code_corners(n: usize, coder: &mut impl Coder) -> i32 {
     first.unwrap_or(0)
 }
 
-/// Sets residuals (zigzag) to what codes are more than their predictions.
+/// Kernel: residuals (zigzag) of codes from their predictions.
 struct Subtract<'a> {
     codes: &'a [i32],
     actual: &'a [i32],
@@ -161,7 +173,7 @@ impl Kernel for Subtract<'_> {
     }
 }
 
-/// Adds residuals (zigzag) to predictions.
+/// Kernel: adds residuals (zigzag) to predictions.
 struct Add<'a> {
     codes: &'a mut [i32],
     residuals: &'a [u32],
@@ -198,7 +210,8 @@ impl Kernel for SubtractValid<'_> {
         let states = &states[..residuals.len()];
         for i in 0..residuals.len() {
             let residual = actual[i].wrapping_sub(codes[i]);
-            // A fill has a residual until it is known what its median is, a sample without one never.
+            // A fill has a residual until its median is known; a void sample without a fill never
+            // has.
             residuals[i] = bits::zigzag(residual & -i32::from(states[i] != VOID));
             codes[i] = codes[i].wrapping_add(residual & -i32::from(states[i] == VALID));
         }
@@ -226,27 +239,27 @@ impl Kernel for AddValid<'_> {
     }
 }
 
-/// Takes residuals of what is there.
+/// The coder that computes residuals.
 pub struct Encoder<'a> {
     pub codes: &'a [i32],
     pub places: Places<'a>,
     pub fills: Fills,
     /// Residuals (zigzag), appended to.
     pub residuals: &'a mut Vec<u32>,
-    /// One row.
+    /// True codes of one row.
     pub actual: &'a mut Vec<i32>,
-    /// One row.
+    /// States of one row.
     pub states: &'a mut Vec<u8>,
-    /// Which samples of one row have valid ones beside them, 1 if so.
+    /// For each sample of one row: 1 if a sample beside it is valid.
     pub near: &'a mut Vec<u8>,
-    /// Those of the last stage.
+    /// Weights of the last stage.
     pub weights: Weights,
-    /// Weights are still to be chosen; otherwise they stay.
+    /// True if the weights of each stage are to be chosen; else they stay.
     pub choose: bool,
 }
 
 impl Encoder<'_> {
-    /// What the samples of a stage should be.
+    /// The true heights of the samples of a stage.
     fn target(&self, stage: Stage) -> Target<'_> {
         Target { codes: self.codes, state: self.places.state, stage }
     }
@@ -280,16 +293,18 @@ impl Coder for Encoder<'_> {
         }
     }
 
-    fn sharpness<W: Word>(&mut self, stage: Stage, planes: &mut Planes<W>) -> i32 {
+    fn sharpness<W: Word>(&mut self, stage: Stage, numbers: &mut Numbers<W>) -> i32 {
         if self.choose {
-            self.weights.sharpness = planes.choose_sharpness(self.target(stage));
+            let Numbers { planes, probe } = numbers;
+            self.weights.sharpness = probe.choose_sharpness(planes, self.target(stage));
         }
         self.weights.sharpness
     }
 
-    fn weights<W: Word>(&mut self, stage: Stage, planes: &mut Planes<W>) -> Weights {
+    fn weights<W: Word>(&mut self, stage: Stage, numbers: &mut Numbers<W>) -> Weights {
         if self.choose {
-            self.weights.skew = planes.choose_skew(self.target(stage), self.weights.sharpness);
+            let Numbers { planes, probe } = numbers;
+            self.weights.skew = probe.choose_skew(planes, self.target(stage), self.weights.sharpness);
         }
         self.weights
     }
@@ -301,16 +316,17 @@ impl Coder for Encoder<'_> {
     }
 }
 
-/// Adds residuals to what was predicted.
+/// The coder that adds residuals to predictions.
 pub struct Decoder<'a> {
     pub codes: &'a mut [i32],
     pub places: Places<'a>,
     /// Residuals (zigzag) of all newborn samples.
     pub residuals: &'a [u32],
-    /// Residuals used up.
+    /// How many residuals have been used.
     pub used: usize,
-    /// One row.
+    /// States of one row.
     pub states: &'a mut Vec<u8>,
+    /// The weights of the chunk.
     pub weights: Weights,
 }
 
@@ -338,11 +354,11 @@ impl Coder for Decoder<'_> {
         row.scatter(codes, self.codes);
     }
 
-    fn sharpness<W: Word>(&mut self, _: Stage, _: &mut Planes<W>) -> i32 {
+    fn sharpness<W: Word>(&mut self, _: Stage, _: &mut Numbers<W>) -> i32 {
         self.weights.sharpness
     }
 
-    fn weights<W: Word>(&mut self, _: Stage, _: &mut Planes<W>) -> Weights {
+    fn weights<W: Word>(&mut self, _: Stage, _: &mut Numbers<W>) -> Weights {
         self.weights
     }
 

@@ -2,7 +2,7 @@
 
 use super::bytes::Bytes;
 use super::directory::{ChunkPlace, IndexPage, Quadtree, Row, column, encode_columns, existing_children};
-use crate::codec::picture::{Codec, Form, JpegTables, MAX_PREFIX};
+use crate::codec::imagery::{Codec, Form, JpegTables, MAX_PREFIX};
 use crate::error::{Error, Result};
 use crate::texel::Colour;
 use crate::tile::TileId;
@@ -222,7 +222,7 @@ impl Row for ImageryEntry {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codec::picture::jpeg_tables;
+    use crate::codec::imagery::jpeg_tables;
 
     fn header(codec: Codec) -> ImageryHeader {
         ImageryHeader {

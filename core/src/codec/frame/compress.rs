@@ -1,6 +1,7 @@
 //! Frames written by libzstd.
 //!
-//! Level 1 throughout: on residuals the higher levels are larger, because short matches crowd out Huffman codes.
+//! Level 1 throughout: on residuals the higher levels are larger, because short matches crowd out
+//! Huffman codes.
 
 use std::cell::RefCell;
 use std::io::Cursor;
@@ -10,19 +11,20 @@ use zstd_safe::{CCtx, CParameter, InBuffer, OutBuffer, ParamSwitch, ResetDirecti
 
 use crate::error::{Error, Result};
 
-/// Level of all frames.
+/// Compression level of all frames.
 const LEVEL: i32 = 1;
-/// Shortest match in a plane of residuals: shorter ones cost more than the Huffman codes of what they replace, 1 to 3 per
-/// cent of a file. What is smaller than a plane keeps the level's own (0).
+/// Shortest match in a plane of residuals: shorter ones cost more than the Huffman codes of what
+/// they replace, 1 to 3 per cent of a file. Content smaller than a plane keeps the default of the
+/// level (0).
 const MIN_MATCH: u32 = 7;
-/// Bytes of content from which on that holds.
+/// Least bytes of content that is compressed as a plane of residuals.
 const PLANE: usize = 4096;
-/// Binary logarithm of the places where a match is looked up, in a plane of residuals: what repeats there does so nearby, and any other
-/// match takes the place of Huffman codes that are shorter.
+/// Binary logarithm of the size of the match table for a plane of residuals: repetitions there are
+/// near each other, and any other match replaces Huffman codes that are shorter.
 const HASH_LOG: u32 = 10;
-/// What zstd's search for matches passes over between two places, in bytes, in a plane of residuals, for the same reason. That saves a
-/// tenth of the instructions of a build of smooth terrain, and 2 to 3 per cent of its file; files of rough terrain with many voids
-/// may be half a per cent larger.
+/// Bytes between the places where zstd looks for matches in a plane of residuals, for the same
+/// reason. It saves a tenth of the instructions of a build of smooth terrain, and 2 to 3 per cent
+/// of its file; files of rough terrain with many voids may be half a per cent larger.
 const STRIDE: u32 = 7;
 
 thread_local! {
@@ -35,11 +37,11 @@ pub fn compress(content: &[u8], out: &mut Vec<u8>) -> Result<()> {
     compress_parts(content, &[], out)
 }
 
-/// Appends `content`, a plane of residuals, as one frame. At the `cuts`, which ascend, new blocks start, with codes of their own: it
-/// pays where the content changes.
+/// Appends `content`, a plane of residuals, as one frame. A new block, with codes of its own,
+/// starts at each of the ascending `cuts`; this pays where the content changes.
 pub fn compress_parts(content: &[u8], cuts: &[usize], out: &mut Vec<u8>) -> Result<()> {
     let start = out.len();
-    // A block costs 3 bytes at most beyond what the bound allows for.
+    // A block costs at most 3 bytes more than the bound allows for.
     out.reserve(zstd_safe::compress_bound(content.len()) + 8 * cuts.len());
     let written = COMPRESSOR.with_borrow_mut(|context| {
         let context = match context {
@@ -64,7 +66,7 @@ pub fn compress_parts(content: &[u8], cuts: &[usize], out: &mut Vec<u8>) -> Resu
     })
 }
 
-/// Compresses to the end of `out`, which has the room, with a new block at every cut.
+/// Appends the compressed content to `out`, which has the capacity, with a new block at every cut.
 fn stream(context: &mut CCtx<'_>, content: &[u8], cuts: &[usize], out: &mut Vec<u8>) -> Result<(), usize> {
     context.reset(ResetDirective::SessionOnly)?;
     context.set_pledged_src_size(Some(content.len() as u64))?;
@@ -88,12 +90,12 @@ fn new_compressor() -> Result<CCtx<'static>, usize> {
     context.set_parameter(CParameter::ContentSizeFlag(true))?;
     context.set_parameter(CParameter::ChecksumFlag(false))?;
     context.set_parameter(CParameter::DictIdFlag(false))?;
-    // With a target length set, zstd leaves Huffman codes away unless told otherwise.
+    // With a target length set, zstd disables literal compression by default: force it on.
     context.set_parameter(CParameter::LiteralCompressionMode(ParamSwitch::Enable))?;
     Ok(context)
 }
 
-/// zstd refused to work: out of memory is all that is left to blame.
+/// The error of a call that zstd failed: it can only be out of memory.
 fn failed(action: &str, bytes: usize, code: usize) -> Error {
     let source = std::io::Error::other(zstd_safe::get_error_name(code));
     Error::io("", format!("{action} {bytes} bytes"), source)

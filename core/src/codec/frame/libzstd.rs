@@ -12,12 +12,12 @@ thread_local! {
     static DECOMPRESSOR: RefCell<Option<DCtx<'static>>> = const { RefCell::new(None) };
 }
 
-/// The content size that a frame states, if it does.
+/// The content size that a frame states; `None` if it states none.
 pub(super) fn content_size(frame: &[u8]) -> Result<Option<u64>, NoFrame> {
     zstd_safe::get_frame_content_size(frame).map_err(|_| NoFrame)
 }
 
-/// Puts the content of the one frame that is all of `frame`, `size` bytes, into the empty `out`.
+/// Sets the empty `out` to the content, of `size` bytes, of the one frame that is all of `frame`.
 pub(super) fn decompress(frame: &[u8], size: usize, place: &str, out: &mut Vec<u8>) -> Result<()> {
     match zstd_safe::find_frame_compressed_size(frame) {
         Ok(length) if length == frame.len() => {}

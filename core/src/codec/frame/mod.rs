@@ -1,4 +1,5 @@
-//! Zstandard frames as the container uses them: one frame, content size stated, no dictionary, no checksum.
+//! Zstandard frames as the container uses them: one frame, content size stated, no dictionary, no
+//! checksum.
 
 use std::ops::RangeInclusive;
 
@@ -21,14 +22,14 @@ use ruzstd as library;
 #[cfg(not(any(feature = "libzstd", feature = "ruzstd")))]
 compile_error!("relevo-core needs one of its features `libzstd` and `ruzstd`");
 
-/// What is not even the beginning of a frame.
+/// The error for bytes that do not begin a frame.
 #[derive(Debug, PartialEq)]
 struct NoFrame;
 
-/// Puts the content of the one frame that is all of `frame` into `out`, in place of what was there.
+/// Sets `out` to the content of the one frame that is all of `frame`.
 ///
-/// A frame that states a size outside `sizes`, or is anything else than one whole frame, is an [`Error::Format`] of
-/// `place`; nothing is allocated for it.
+/// Bytes that state a size outside `sizes`, or are not one whole frame, give an [`Error::Format`]
+/// of `place`; nothing is allocated for them.
 pub fn decompress(frame: &[u8], sizes: RangeInclusive<usize>, place: &str, out: &mut Vec<u8>) -> Result<()> {
     let size = match library::content_size(frame) {
         Ok(Some(size)) => usize::try_from(size).unwrap_or(usize::MAX),
@@ -45,12 +46,12 @@ pub fn decompress(frame: &[u8], sizes: RangeInclusive<usize>, place: &str, out: 
     library::decompress(frame, size, place, out)
 }
 
-/// The first bytes of what should be a frame.
+/// A text for errors: the first bytes of `frame`.
 fn describe(frame: &[u8]) -> String {
     format!("{} bytes that start {:02X?}", frame.len(), &frame[..frame.len().min(4)])
 }
 
-/// A frame that ends before its end.
+/// The error of a frame that is cut off.
 #[cfg(feature = "libzstd")]
 fn cut_off(place: &str, frame: &[u8]) -> Error {
     Error::format(place, "a whole zstd frame", format!("{} bytes, cut off", frame.len()))

@@ -1,4 +1,5 @@
-//! Frames read by `ruzstd`, which is Rust alone: for a reader without a C compiler, as on wasm32. Some five times slower.
+//! Frames read by `ruzstd`, which is Rust alone: for a reader without a C compiler, as on wasm32.
+//! Some five times slower.
 
 use ::ruzstd::decoding::{BlockDecodingStrategy, FrameDecoder};
 
@@ -8,7 +9,7 @@ use crate::error::{Error, Result};
 /// The first bytes of a frame.
 const MAGIC: [u8; 4] = [0x28, 0xB5, 0x2F, 0xFD];
 
-/// The content size that a frame states, if it does (RFC 8878, section 3.1.1.1).
+/// The content size that a frame states; `None` if it states none (RFC 8878, section 3.1.1.1).
 pub(super) fn content_size(frame: &[u8]) -> Result<Option<u64>, NoFrame> {
     let (&descriptor, rest) = frame.strip_prefix(&MAGIC).and_then(<[u8]>::split_first).ok_or(NoFrame)?;
     let (flag, is_single) = (descriptor >> 6, descriptor & 0x20 != 0);
@@ -24,13 +25,13 @@ pub(super) fn content_size(frame: &[u8]) -> Result<Option<u64>, NoFrame> {
     Ok(Some(if flag == 1 { number + 256 } else { number }))
 }
 
-/// Puts the content of the one frame that is all of `frame`, `size` bytes, into the empty `out`.
+/// Sets the empty `out` to the content, of `size` bytes, of the one frame that is all of `frame`.
 pub(super) fn decompress(frame: &[u8], size: usize, place: &str, out: &mut Vec<u8>) -> Result<()> {
     let mut decoder = FrameDecoder::new();
     let mut rest = frame;
     let bad = |error: &dyn std::fmt::Display| Error::format(place, "a zstd frame", error.to_string());
     decoder.init(&mut rest).map_err(|error| bad(&error))?;
-    // One byte more than there may be, so that a longer frame shows.
+    // One byte more than expected, so that a longer frame is noticed.
     let most = BlockDecodingStrategy::UptoBytes(size + 1);
     decoder.decode_blocks(&mut rest, most).map_err(|error| bad(&error))?;
     if !decoder.is_finished() {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::index::{Index, Input};
 use super::{check_crc, small_section};
-use crate::codec::picture::{self, JpegTables, PictureChunks};
+use crate::codec::imagery::{self, ImageryChunks, JpegTables};
 use crate::container::directory::{IndexPage, Row};
 use crate::container::imagery::{ImageryEntry, ImageryHeader};
 use crate::container::opening::Opening;
@@ -76,19 +76,19 @@ impl ImageryLayer {
     #[cfg(feature = "imagery")]
     pub fn read_tile(&self, id: TileId) -> Result<Texels> {
         let chunks = self.read_raw(id)?;
-        picture::decode(&self.header.form(), self.tables.as_ref(), &chunks.colour, &chunks.alpha)
+        imagery::decode(&self.header.form(), self.tables.as_ref(), &chunks.colour, &chunks.alpha)
             .map_err(|error| in_tile(id, error).at(&self.input.path))
     }
 
     /// The chunks of a tile as stored, held against their CRCs.
-    pub fn read_raw(&self, id: TileId) -> Result<PictureChunks> {
+    pub fn read_raw(&self, id: TileId) -> Result<ImageryChunks> {
         let absent =
             || Error::usage(format!("there is no imagery tile {id} in {}", self.input.path.display()));
         let entry = self.entry(id)?.ok_or_else(absent)?;
         self.chunks(&entry).map_err(|error| error.at(&self.input.path))
     }
 
-    fn chunks(&self, entry: &ImageryEntry) -> Result<PictureChunks> {
+    fn chunks(&self, entry: &ImageryEntry) -> Result<ImageryChunks> {
         let start = self.index.tiles.offset + entry.chunks.offset;
         let mut colour = self.input.read(start, entry.chunk_bytes(), "an imagery tile")?;
         let alpha = colour.split_off(entry.chunks.lengths[0] as usize);
@@ -98,13 +98,13 @@ impl ImageryLayer {
             check_crc(bytes, crc, || format!("imagery tile {}, {name} chunk at offset {offset}", entry.id))?;
         }
         let clear = !alpha.is_empty();
-        Ok(PictureChunks { colour, alpha, clear })
+        Ok(ImageryChunks { colour, alpha, clear })
     }
 
     /// The blocks of a tile of a GPU format, row by row, as a graphics card takes them. Fails for other codecs.
     pub fn read_blocks(&self, id: TileId) -> Result<Vec<u8>> {
         let chunks = self.read_raw(id)?;
-        picture::unpack_blocks(&self.header.form(), &chunks.colour)
+        imagery::unpack_blocks(&self.header.form(), &chunks.colour)
             .map_err(|error| in_tile(id, error).at(&self.input.path))
     }
 

@@ -1,10 +1,12 @@
-//! One imagery tile's bytes: texels <-> a chunk of colour and a chunk of alpha (`format-spec.md`, section 16.3).
+//! One imagery tile's bytes: texels <-> a chunk of colour and a chunk of alpha (`format-spec.md`,
+//! section 16.3).
 //!
-//! All tiles of a layer have one [`Form`]. JPEG keeps what its tiles share (quantisation and Huffman tables, size) once, in the
-//! layer's header: the *prefix*; a chunk is the entropy-coded data alone. Encoders are deterministic, whatever the machine and the thread.
+//! All tiles of a layer have one [`Form`]. The *prefix* that all JPEG tiles share (quantisation and
+//! Huffman tables, size) is stored once, in the header of the layer; a chunk is the entropy-coded
+//! data alone. Encoders are deterministic, whatever the machine and the thread.
 //!
-//! Decoders are total: whatever the bytes, the answer is an error or some texels, and the size is held against that of the form before
-//! anything is allocated.
+//! Decoders are total: any bytes give an error or texels, and the size is compared with that of the
+//! form before anything is allocated.
 
 #[cfg(feature = "imagery")]
 mod alpha;
@@ -42,7 +44,8 @@ pub enum Codec {
     Webp = 2,
     /// PNG.
     Png = 3,
-    /// BC7 blocks for the GPU, packed by zstd; 8 bits a texel there. Alpha is in the blocks, and apart and lossless as well.
+    /// BC7 blocks for the GPU, packed by zstd; 8 bits a texel there. Alpha is in the blocks, and
+    /// lossless beside them.
     Bc7 = 4,
     /// BC1 blocks for the GPU, packed by zstd; 4 bits a texel there; alpha apart and lossless.
     Bc1 = 5,
@@ -68,7 +71,7 @@ impl Codec {
         }
     }
 
-    /// True if colours come back as they were; alpha always does.
+    /// True if colours are stored without loss; alpha always is.
     pub fn is_lossless(self) -> bool {
         matches!(self, Self::Webp | Self::Png)
     }
@@ -105,21 +108,21 @@ impl FromStr for Codec {
     }
 }
 
-/// What all tiles of a layer have in common.
+/// The properties that all tiles of a layer share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Form {
     /// How they are stored.
     pub codec: Codec,
     /// Quality of a JPEG, 1..=100; 0 for other codecs.
     pub quality: u8,
-    /// What the colour of a texel is.
+    /// The colour type of a texel.
     pub colour: Colour,
     /// Texels along a side, gutters included: a multiple of 4, at most 8192.
     pub side: usize,
 }
 
 impl Form {
-    /// Bytes that a chunk may have at most: what the worst picture needs, and some.
+    /// Bytes that a chunk may have at most: enough for any image.
     pub fn max_chunk_bytes(&self) -> u64 {
         8 * (self.side as u64).pow(2) + 65_536
     }
@@ -127,18 +130,18 @@ impl Form {
 
 /// The chunks of a tile.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct PictureChunks {
+pub struct ImageryChunks {
     /// Colour; never empty. Of a JPEG, the entropy-coded data, with the tables of [`jpeg_tables`].
     pub colour: Vec<u8>,
     /// Alpha, lossless, if the codec does not carry it with the colour and the tile is not opaque.
     pub alpha: Vec<u8>,
-    /// True if some texel is not opaque. (Of chunks that were read, whether there is alpha apart.)
+    /// True if some texel is not opaque. In chunks that were read: true if there is an alpha chunk.
     pub clear: bool,
 }
 
 /// Encodes a tile. If all texels are opaque, no alpha is stored.
 #[cfg(all(feature = "imagery", feature = "write"))]
-pub fn encode(form: &Form, texels: &Texels) -> Result<PictureChunks> {
+pub fn encode(form: &Form, texels: &Texels) -> Result<ImageryChunks> {
     check(form, texels)?;
     let opaque = |alpha: &&Vec<u8>| alpha.iter().any(|&a| a != 255);
     let alpha = texels.alpha.as_ref().filter(opaque).map(Vec::as_slice);
@@ -153,7 +156,7 @@ pub fn encode(form: &Form, texels: &Texels) -> Result<PictureChunks> {
         Some(alpha) if !form.codec.carries_alpha() => alpha::encode(form.side, alpha)?,
         _ => Vec::new(),
     };
-    Ok(PictureChunks { colour, alpha, clear })
+    Ok(ImageryChunks { colour, alpha, clear })
 }
 
 /// Fails unless the texels have the form.
@@ -197,7 +200,8 @@ fn content_bytes(form: &Form) -> Result<usize> {
     Ok((form.side / 4).pow(2) * form.codec.block_bytes().ok_or_else(not)?)
 }
 
-/// The GPU blocks of a tile, row by row from the north-west, as a graphics card takes them. Fails for other codecs.
+/// The GPU blocks of a tile, row by row from the north-west, as a graphics card takes them. Fails
+/// for other codecs.
 pub fn unpack_blocks(form: &Form, chunk: &[u8]) -> Result<Vec<u8>> {
     let bytes = content_bytes(form)?;
     let mut blocks = Vec::new();
@@ -205,11 +209,11 @@ pub fn unpack_blocks(form: &Form, chunk: &[u8]) -> Result<Vec<u8>> {
     Ok(blocks)
 }
 
-/// Takes colour of one or three channels out of pixels of `stride` bytes, red first.
+/// The colour, of one or three channels, of pixels of `stride` bytes, red first.
 #[cfg(feature = "imagery")]
 fn take_colour(pixels: &[u8], stride: usize, colour: Colour) -> Vec<u8> {
     match colour {
-        // The middle one: of a grey in blocks of 5, 6 and 5 bits the one with 6.
+        // Grey is the middle channel: in blocks of 5, 6 and 5 bits the one with 6.
         Colour::Grey => pixels.chunks_exact(stride).map(|pixel| pixel[(stride - 1).min(1)]).collect(),
         Colour::Rgb => pixels.chunks_exact(stride).flat_map(|p| [p[0], p[1], p[2]]).collect(),
     }

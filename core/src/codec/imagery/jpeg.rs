@@ -1,19 +1,22 @@
-//! The headers and Huffman codes that the JPEG tiles of a layer share; `jpeg_texels` encodes and decodes.
+//! The headers and Huffman codes that the JPEG tiles of a layer share; `jpeg_texels` encodes and
+//! decodes.
 //!
-//! The tiles of a layer have one size, one quality and one set of Huffman tables, so that all up to the entropy-coded data is the
-//! same: the prefix. The tables are made for the layer as a whole once all tiles are known ([`JpegTables::fitted`]). A table of its own for each
-//! tile would cost more than it saves; and `jpeg-encoder` would write one scan a colour then, which `zune-jpeg` decodes wrongly.
+//! The tiles of a layer have one size, one quality and one set of Huffman tables, so all bytes
+//! before the entropy-coded data are the same: the prefix. The tables are made for the layer as a
+//! whole once all tiles are known ([`JpegTables::fitted`]). A table for each tile would cost more
+//! bytes than it saves; and `jpeg-encoder` would then write one scan a colour, which `zune-jpeg`
+//! decodes wrongly.
 
 use super::huffman::{self, Code, Histograms, Scan};
-use super::{Form, PictureChunks};
+use super::{Form, ImageryChunks};
 use crate::error::{Error, Result};
 
-/// Largest prefix: tables at their largest and segments that nobody needs.
+/// Most bytes of a prefix: tables at their largest, and room for optional segments.
 pub const MAX_PREFIX: usize = 4096;
 pub(super) const END: [u8; 2] = [0xFF, 0xD9];
 const PLACE: &str = "imagery header, JPEG prefix";
 
-/// What the JPEGs of a layer have in common.
+/// The bytes that all JPEGs of a layer begin with, and the Huffman codes in them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct JpegTables {
     /// The file up to its entropy-coded data.
@@ -22,7 +25,7 @@ pub struct JpegTables {
 }
 
 impl JpegTables {
-    /// Tables of a prefix from a file. Fails unless it is that of a baseline JPEG of the form.
+    /// The tables of a prefix. Fails unless it begins a baseline JPEG of the form.
     pub fn parse(form: &Form, prefix: &[u8]) -> Result<Self> {
         let scan = parse(form, prefix)?;
         Ok(Self { prefix: prefix.to_vec(), scan })
@@ -33,17 +36,17 @@ impl JpegTables {
         &self.prefix
     }
 
-    /// A whole JPEG file.
+    /// The JPEG file of a chunk.
     pub fn file(&self, chunk: &[u8]) -> Vec<u8> {
         [&self.prefix, chunk, &END].concat()
     }
 
-    /// Adds up how often a tile has each symbol.
-    pub fn count(&self, chunks: &PictureChunks, into: &mut Histograms) -> Result<()> {
+    /// Adds the counts of the symbols of a tile to `into`.
+    pub fn count(&self, chunks: &ImageryChunks, into: &mut Histograms) -> Result<()> {
         huffman::count(&self.scan, &chunks.colour, into)
     }
 
-    /// Tables with the shortest codes for what was counted.
+    /// Tables with the shortest codes for the counted symbols.
     pub fn fitted(&self, form: &Form, histograms: &Histograms) -> Result<Self> {
         let mut prefix = Vec::new();
         let mut rest = &self.prefix[2..];
@@ -64,13 +67,13 @@ impl JpegTables {
         Self::parse(form, &prefix)
     }
 
-    /// A chunk that was coded with `self`, with the tables of `other`.
+    /// A chunk that was coded with `self`, coded anew with `other`.
     pub fn recode(&self, other: &Self, chunk: &[u8]) -> Result<Vec<u8>> {
         huffman::recode(&self.scan, &other.scan, chunk)
     }
 }
 
-/// A file's prefix, and what is behind it.
+/// Splits a JPEG file into its prefix and the bytes after it.
 #[cfg(feature = "imagery")]
 pub(super) fn split(file: &[u8]) -> Result<(&[u8], &[u8])> {
     let mut rest = file.get(2..).unwrap_or_default();
@@ -83,10 +86,10 @@ pub(super) fn split(file: &[u8]) -> Result<(&[u8], &[u8])> {
     Err(Error::format(PLACE, "a start of scan", "none"))
 }
 
-/// Marker, content, and what comes behind.
+/// A segment: its marker, its content, and the bytes after it.
 type Segment<'a> = (u8, &'a [u8], &'a [u8]);
 
-/// The segment that comes next; `None` at the end.
+/// The next segment; `None` at the end.
 fn next_segment(bytes: &[u8]) -> Result<Option<Segment<'_>>> {
     if bytes.is_empty() {
         return Ok(None);
@@ -98,7 +101,7 @@ fn next_segment(bytes: &[u8]) -> Result<Option<Segment<'_>>> {
     Ok(Some((marker, content, &bytes[2 + length..])))
 }
 
-/// Checks a prefix and learns how its scan is coded.
+/// Checks a prefix. Returns how its scan is coded.
 fn parse(form: &Form, prefix: &[u8]) -> Result<Scan> {
     let demand = |is: bool, expected: &str, got: String| {
         if is { Ok(()) } else { Err(Error::format(PLACE, expected, got)) }
@@ -127,9 +130,9 @@ fn parse(form: &Form, prefix: &[u8]) -> Result<Scan> {
     Ok(scan)
 }
 
-/// Coded units of a picture.
+/// How many coded units an image has.
 fn mcus(form: &Form, scan: &Scan) -> usize {
-    // Of one component a unit is one block, whatever its factors.
+    // With one component a unit is one block, whatever the factors.
     let factor = if scan.components.len() == 1 { 1 } else { scan.factor() };
     form.side.div_ceil(8 * factor).pow(2)
 }

@@ -1,4 +1,5 @@
-//! Alpha apart from the colour, lossless: one bit a texel where that is enough, else a byte, each against the texel above.
+//! Alpha apart from the colour, lossless: one bit a texel if that is enough, else one byte a texel,
+//! less the texel above.
 
 use crate::codec::frame;
 use crate::error::{Error, Result};

@@ -1,4 +1,5 @@
-//! Lossless WebP (`image-webp`) and PNG (`png`), both of the image-rs group and pure Rust: alpha is a channel of the picture.
+//! Lossless WebP (`image-webp`) and PNG (`png`), both of the image-rs group and pure Rust: alpha is
+//! a channel of the image.
 
 use std::io::{self, Cursor};
 
@@ -12,7 +13,7 @@ type Decoded = (Vec<u8>, Option<Vec<u8>>);
 
 const PLACE: &str = "colour chunk";
 
-/// Colour and alpha side by side.
+/// Pixels of colour and alpha.
 fn join(form: &Form, colour: &[u8], alpha: Option<&[u8]>) -> Vec<u8> {
     let Some(alpha) = alpha else { return colour.to_vec() };
     let channels = form.colour.channels();
@@ -24,7 +25,7 @@ fn join(form: &Form, colour: &[u8], alpha: Option<&[u8]>) -> Vec<u8> {
     pixels
 }
 
-/// Colour and alpha of pixels of `channels` bytes, the last of them alpha if there are 2 or 4.
+/// Colour and alpha of pixels of `channels` bytes; with 2 or 4 channels the last is alpha.
 fn part(form: &Form, pixels: &[u8], channels: usize) -> Decoded {
     let has_alpha = channels.is_multiple_of(2);
     let alpha = has_alpha.then(|| pixels.chunks_exact(channels).map(|pixel| pixel[channels - 1]).collect());
@@ -88,7 +89,8 @@ pub(super) fn encode_png(form: &Form, colour: &[u8], alpha: Option<&[u8]>) -> Re
         (Colour::Rgb, false) => png::ColorType::Rgb,
         (Colour::Rgb, true) => png::ColorType::Rgba,
     });
-    // Twenty times as fast as the next, for a sixth more bytes; who counts bytes takes WebP.
+    // Twenty times as fast as the next level, for a sixth more bytes; where bytes matter WebP is
+    // better.
     encoder.set_compression(png::Compression::Fast);
     let mut writer = encoder.write_header().map_err(failed)?;
     writer.write_image_data(&join(form, colour, alpha)).map_err(failed)?;
@@ -96,7 +98,7 @@ pub(super) fn encode_png(form: &Form, colour: &[u8], alpha: Option<&[u8]>) -> Re
     Ok(chunk)
 }
 
-/// What a PNG file calls its colours.
+/// The name of a PNG colour type, for errors.
 fn name(colours: png::ColorType) -> &'static str {
     match colours {
         png::ColorType::Grayscale => "grey",

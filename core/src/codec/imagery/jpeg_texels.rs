@@ -11,10 +11,10 @@ use super::jpeg::{END, JpegTables, split};
 use crate::error::{Error, Result};
 use crate::texel::Colour;
 
-/// Quality from which on colour is not halved in size.
+/// Least quality at which chroma is stored at full size.
 const FULL_CHROMA: u8 = 90;
 
-/// The tables of Annex K, which [`encode`] writes with.
+/// The tables of Annex K, with which [`encode`] codes.
 pub(super) fn standard_tables(form: &Form) -> Result<JpegTables> {
     let grey = vec![0; form.side * form.side * form.colour.channels()];
     let file = write_file(form, &grey)?;
@@ -46,7 +46,7 @@ fn write_file(form: &Form, colour: &[u8]) -> Result<Vec<u8>> {
     Ok(file)
 }
 
-/// The colour of a tile.
+/// The colour of a tile's chunk.
 pub(super) fn decode(form: &Form, tables: &JpegTables, chunk: &[u8]) -> Result<Vec<u8>> {
     let space = if form.colour == Colour::Grey { ColorSpace::Luma } else { ColorSpace::RGB };
     let options = DecoderOptions::default()

@@ -1,26 +1,28 @@
-//! Huffman codes of baseline JPEG: counting the symbols of entropy-coded data, and coding it anew with other tables.
+//! Huffman codes of baseline JPEG: counts the symbols of entropy-coded data, and codes it anew with
+//! other tables.
 //!
-//! Coefficients are not looked at: a scan is a row of symbols, each with some bits behind it.
+//! Coefficients are not decoded: a scan is a sequence of symbols, each followed by some bits.
 
 use crate::error::{Error, Result};
 
-/// Longest code.
+/// Bits of the longest code.
 const MAX_BITS: usize = 16;
-/// Bits that are looked up at once.
+/// Bits that one look-up in a table decodes.
 const FAST: u32 = 10;
 
 /// A prefix code.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Code {
-    /// Codes of each length from 1 on.
+    /// How many codes have each length, from 1 on.
     pub lengths: [u8; MAX_BITS],
     /// Symbols by ascending code.
     pub symbols: Vec<u8>,
-    /// By symbol: code and its length, 0 if there is none.
+    /// By symbol: its code and the length of that, 0 if it has no code.
     encode: Vec<(u16, u8)>,
     /// By the next [`FAST`] bits: symbol and length of the code, 0 if it is longer.
     decode: Vec<(u8, u8)>,
-    /// By length, of the codes of it: one more than the last, left-aligned in 16 bits, and what leads from a code to its symbol.
+    /// By length: one more than the last code of that length, left-aligned in 16 bits, and the
+    /// offset from a code to the index of its symbol.
     last: [(u32, i32); MAX_BITS],
 }
 
@@ -58,13 +60,13 @@ impl Code {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Component {
     pub id: u8,
-    /// Blocks in a coded unit.
+    /// Blocks of it in a coded unit.
     pub blocks: usize,
-    /// Which of the scan's codes: of DC, of AC.
+    /// Indices into [`Scan::codes`], for DC and for AC.
     pub codes: [usize; 2],
 }
 
-/// How entropy-coded data is to be read.
+/// How the entropy-coded data of a scan is coded.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Scan {
     pub components: Vec<Component>,
@@ -80,7 +82,7 @@ impl Scan {
         if self.components.first().is_some_and(|component| component.blocks > 1) { 2 } else { 1 }
     }
 
-    /// Which code each block of a unit has.
+    /// The codes of each block of a unit.
     fn unit(&self) -> Vec<[usize; 2]> {
         let one = self.components.len() == 1;
         let blocks = |component: &Component| if one { 1 } else { component.blocks };
@@ -88,7 +90,7 @@ impl Scan {
     }
 }
 
-/// How often each symbol of each code came.
+/// How often each symbol of each code occurs.
 #[derive(Clone, Debug)]
 pub struct Histograms(pub(super) [[u64; 256]; 4]);
 
@@ -99,7 +101,7 @@ impl Default for Histograms {
 }
 
 impl Histograms {
-    /// Adds another count.
+    /// Adds the counts of `other`.
     pub fn add(&mut self, other: &Self) {
         for (sum, more) in self.0.iter_mut().flatten().zip(other.0.iter().flatten()) {
             *sum += more;
@@ -114,7 +116,7 @@ impl Histograms {
 
 /// The shortest code of at most 16 bits, none of them all ones: Annex K.2 of the JPEG standard.
 fn shortest(counts: &[u64; 256]) -> Code {
-    // A symbol that never comes gets the longest code, which is left out: that of all ones.
+    // A symbol that never occurs gets the code of all ones, which is then left out.
     let mut weights: Vec<u64> = counts.iter().copied().chain([1]).collect();
     let mut sizes = vec![0_usize; 257];
     let mut next: Vec<Option<usize>> = vec![None; 257];
@@ -150,7 +152,7 @@ fn shortest(counts: &[u64; 256]) -> Code {
     Code::new(lengths, &symbols).unwrap_or_default()
 }
 
-/// How many codes of each length, none above 16 bits, without the one of all ones.
+/// How many codes have each length, none above 16 bits, without the code of all ones.
 fn limited(sizes: &[usize]) -> [u8; MAX_BITS] {
     let mut counts = vec![0_usize; sizes.len().max(MAX_BITS) + 2];
     for &size in sizes.iter().filter(|&&size| size > 0) {
@@ -158,7 +160,8 @@ fn limited(sizes: &[usize]) -> [u8; MAX_BITS] {
     }
     for bits in (MAX_BITS + 1..counts.len()).rev() {
         while counts[bits] > 0 {
-            // Two of the longest: one takes the place of their parent, the other goes below a shorter code.
+            // Of two longest codes one takes the place of their parent, the other becomes the
+            // sibling of a shorter code.
             let Some(shorter) = (1..bits - 1).rev().find(|&bits| counts[bits] > 0) else { break };
             counts[bits] -= 2;
             counts[bits - 1] += 1;
@@ -176,7 +179,7 @@ fn limited(sizes: &[usize]) -> [u8; MAX_BITS] {
     lengths
 }
 
-/// Reads bits, the first one highest, without the zeros behind bytes of ones.
+/// A reader of bits, highest first, that skips the zero bytes stuffed after bytes of ones.
 struct Bits<'a> {
     rest: &'a [u8],
     held: u64,
@@ -184,7 +187,7 @@ struct Bits<'a> {
 }
 
 impl Bits<'_> {
-    /// Fills up to at least 32 bits; behind the end there are ones, as JPEG pads.
+    /// Reads on until it holds at least 32 bits; after the end it reads ones, as JPEG pads.
     fn fill(&mut self) {
         while self.count <= 48 {
             let byte = match self.rest {
@@ -207,7 +210,7 @@ impl Bits<'_> {
         (self.held >> (self.count - bits)) as u32 & ((1 << bits) - 1)
     }
 
-    /// The symbol that comes next; `None` if no code fits. At least 16 bits are held.
+    /// The next symbol; `None` if no code matches. It needs at least 16 bits held.
     fn symbol(&mut self, code: &Code) -> Option<u8> {
         let (symbol, bits) = code.decode[self.peek(FAST) as usize];
         if bits > 0 {
@@ -228,7 +231,8 @@ impl Bits<'_> {
     }
 }
 
-/// Calls `visit` with every symbol of a scan: its code, itself, the bits behind it and how many.
+/// Calls `visit` for every symbol of a scan with the index of its code, the symbol, the bits after
+/// it, and how many they are.
 fn walk(scan: &Scan, data: &[u8], mut visit: impl FnMut(usize, u8, u32, u32)) -> Result<()> {
     let bad = || Error::format("colour chunk", "entropy-coded data of a JPEG", "other bytes");
     let mut bits = Bits { rest: data, held: 0, count: 0 };
@@ -258,12 +262,12 @@ fn walk(scan: &Scan, data: &[u8], mut visit: impl FnMut(usize, u8, u32, u32)) ->
     Ok(())
 }
 
-/// Adds up the symbols of a tile.
+/// Adds the symbols of a tile to `into`.
 pub(super) fn count(scan: &Scan, data: &[u8], into: &mut Histograms) -> Result<()> {
     walk(scan, data, |code, symbol, _, _| into.0[code][usize::from(symbol)] += 1)
 }
 
-/// Codes a tile with other tables.
+/// The data of a tile, coded with other tables.
 pub(super) fn recode(from: &Scan, to: &Scan, data: &[u8]) -> Result<Vec<u8>> {
     let mut out = Vec::with_capacity(data.len());
     let (mut held, mut count, mut missing) = (0_u64, 0_u32, false);
@@ -281,13 +285,13 @@ pub(super) fn recode(from: &Scan, to: &Scan, data: &[u8]) -> Result<Vec<u8>> {
         return Err(Error::format("colour chunk", "symbols that have a code", "others"));
     }
     if count > 0 {
-        // The rest of the last byte is ones.
+        // The last byte is padded with ones.
         push(&mut out, (held << (8 - count)) as u8 | ((1 << (8 - count)) - 1));
     }
     Ok(out)
 }
 
-/// Appends a byte; a zero follows one of ones.
+/// Appends a byte, and a zero byte after one of ones.
 fn push(out: &mut Vec<u8>, byte: u8) {
     out.push(byte);
     if byte == 0xFF {

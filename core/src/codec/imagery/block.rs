@@ -1,4 +1,5 @@
-//! BC1 and BC7 blocks (`block_compression`: Intel's ISPC kernels in plain Rust, the same bytes on any processor), packed by zstd.
+//! BC1 and BC7 blocks (`block_compression`: Intel's ISPC kernels in plain Rust, the same bytes on
+//! any processor), packed by zstd.
 
 use block_compression::decode::decompress_blocks_as_rgba8;
 use block_compression::encode::compress_rgba8;
@@ -9,7 +10,8 @@ use crate::codec::frame;
 use crate::error::Result;
 use crate::texel::Colour;
 
-/// The chunk of a tile's colour. BC7 blocks have the alpha too, near enough to draw with; the exact one stands apart.
+/// The colour chunk of a tile. BC7 blocks also have the alpha, with the error of BC7; the exact
+/// alpha is stored apart.
 #[cfg(feature = "write")]
 pub(super) fn encode(form: &Form, colour: &[u8], alpha: Option<&[u8]>) -> Result<Vec<u8>> {
     let carried = alpha.filter(|_| form.codec == Codec::Bc7);
@@ -50,7 +52,7 @@ fn rgba(form: &Form, colour: &[u8], alpha: Option<&[u8]>) -> Vec<u8> {
     rgba
 }
 
-/// Colour of a chunk.
+/// The colour of a chunk.
 pub(super) fn decode(form: &Form, chunk: &[u8]) -> Result<Vec<u8>> {
     let blocks = unpack_blocks(form, chunk)?;
     let side = form.side as u32;
