@@ -1,7 +1,8 @@
-//! The writer's index while it grows: one row per tile, and what becomes of the rows at the end.
+//! The index of a writer: one row a tile while it grows, then a checked, placed and packed tree.
 //!
-//! Tiles come in any order; [`Tree::check`] then finds out whether they are a tree, [`Tree::place`] puts them in storage
-//! order, and [`Tree::pages`] cuts the index. Pages are built from the leaves up: a page names the CRC of those below it.
+//! Tiles come in any order. Then [`Tree::check`] tests that they are a tree, [`Tree::place`] sorts
+//! them into storage order, and [`Tree::pages`] cuts the index into pages. Pages are built from the
+//! leaves up: a page names the CRC of those below it.
 
 use std::collections::HashMap;
 
@@ -42,7 +43,8 @@ pub struct PackedIndex {
 }
 
 impl<R: Row> Tree<R> {
-    /// Fails if this tile cannot come next: outside the square of its level, or there already.
+    /// Fails if this tile cannot be added: it is outside the square of its level, or has a row
+    /// already.
     pub fn check_new(&self, id: TileId) -> Result<()> {
         if id.level > R::MAX_LEVEL || id.x >> id.level != 0 || id.y >> id.level != 0 {
             let side = 1_u64 << id.level.min(R::MAX_LEVEL);
@@ -66,7 +68,7 @@ impl<R: Row> Tree<R> {
         rows.entries.push(entry);
     }
 
-    /// All rows.
+    /// How many rows there are.
     pub fn count(&self) -> u64 {
         self.levels.iter().map(|rows| rows.entries.len() as u64).sum()
     }
@@ -81,7 +83,8 @@ impl<R: Row> Tree<R> {
         rows.entries.get(*rows.index.get(&(id.x, id.y))?)
     }
 
-    /// Fails unless the rows are one tree within the raster: every child that a row names is there, and no other.
+    /// Fails unless the rows are one tree within the raster: every child that a row names has a
+    /// row, and no other tile has.
     pub fn check(&self, tree: &impl Quadtree) -> Result<()> {
         if self.get(TileId::ROOT).is_none() {
             return Err(Error::usage("there is no root tile: a container holds at least one valid sample"));
@@ -108,7 +111,7 @@ impl<R: Row> Tree<R> {
         Ok(())
     }
 
-    /// Levels that have rows.
+    /// How many levels have rows.
     pub fn depth(&self) -> usize {
         self.levels.len()
     }
@@ -128,8 +131,9 @@ impl<R: Row> Tree<R> {
         }
     }
 
-    /// Sorts every level into storage order and gives each tile its chunk offset in the tiles section. Returns the
-    /// offsets that the rows had before, level by level in the new order, and the length of the section.
+    /// Sorts every level into storage order and gives each tile its chunk offset in the tiles
+    /// section. Returns the offsets that the rows had before, level by level in the new order, and
+    /// the length of the section.
     pub fn place(&mut self) -> (Vec<Vec<u64>>, u64) {
         self.sort();
         let mut end = 0;
@@ -146,7 +150,8 @@ impl<R: Row> Tree<R> {
         (sources, end)
     }
 
-    /// Packs the index: the pages of the deepest level first, each level in storage order, the root page apart.
+    /// Packs the index: the pages of the deepest level first, each level in storage order, the root
+    /// page apart.
     pub fn pages(&self, leaf: u8) -> Result<PackedIndex> {
         let mut pages = Vec::new();
         let mut below = HashMap::new();

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 
-/// Reads little-endian numbers from the front of a slice.
+/// A cursor that reads little-endian numbers from the front of a slice.
 pub struct Bytes<'a> {
     rest: &'a [u8],
     place: &'a str,
@@ -53,7 +53,7 @@ impl<'a> Bytes<'a> {
         Ok(f64::from_le_bytes(self.array()?))
     }
 
-    /// Fails unless everything was read.
+    /// Fails unless all bytes have been read.
     pub fn end(self) -> Result<()> {
         if self.rest.is_empty() {
             return Ok(());

@@ -1,8 +1,11 @@
-//! What was decoded and may be needed again: least recently used entries go first, by bytes.
+//! Caches of decoded tiles and pages, limited in bytes: the least recently used entries are evicted
+//! first.
 //!
-//! [`Store`] is the plain store: finding something in it takes a lock that readers share. [`Lattices`] decodes tiles through
-//! one: a tile needs its parent, and a parent that is being used stays. No lock is held while a tile is decoded, two
-//! threads never decode the same tile at the same time, and the memory of tiles that go is used again.
+//! [`Store`] is the plain cache: a look-up takes a lock that readers share. [`Lattices`] decodes
+//! tiles through a store. To decode a tile it needs the parent, so [`Lattices::get`] and
+//! [`Lattices::decode`] call each other up to the root or a cached ancestor; the ancestors stay in
+//! the cache. No lock is held while a tile is decoded, two threads never decode the same tile at
+//! the same time, and the memory of evicted tiles is used again.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -12,13 +15,13 @@ use crate::error::Result;
 use crate::sample::Lattice;
 use crate::tile::TileId;
 
-/// Lattices without a tile that are kept for the next ones.
-pub(super) const SPARE: usize = 16;
+/// Most lattices that are pooled for the next tiles.
+pub(super) const POOLED: usize = 16;
 
-/// Entries by tile, the least recently used first to go.
+/// A cache of entries by tile; the least recently used are evicted first.
 pub(super) struct Store<V> {
     held: RwLock<Held<V>>,
-    /// Counts uses.
+    /// The number of uses so far: the time of the next use.
     clock: AtomicU64,
     budget: u64,
 }
@@ -36,7 +39,7 @@ struct Slot<V> {
 }
 
 impl<V> Store<V> {
-    /// An empty store of so many bytes.
+    /// An empty store of at most `budget` bytes.
     pub fn new(budget: u64) -> Self {
         let held = RwLock::new(Held { entries: HashMap::new(), bytes: 0 });
         Self { held, clock: AtomicU64::new(0), budget }
@@ -50,15 +53,17 @@ impl<V> Store<V> {
         Some(Arc::clone(&slot.value))
     }
 
-    /// Makes the entries of some tiles the most recently used; how many are there.
+    /// Makes the entries of some tiles the most recently used. Returns how many of them are in the
+    /// store.
     fn touch(&self, ids: impl Iterator<Item = TileId>) -> usize {
         let held = self.held.read().unwrap_or_else(PoisonError::into_inner);
         let slots = ids.filter_map(|id| held.entries.get(&id));
         slots.map(|slot| slot.used.store(self.now(), Ordering::Relaxed)).count()
     }
 
-    /// Adds an entry as the most recently used. If the budget is exceeded, the oldest make room, and for more than this
-    /// one, so that it happens rarely; the `keep` most recently used stay whatever they take. Gives what went.
+    /// Adds an entry as the most recently used. If that exceeds the budget, the oldest entries are
+    /// evicted down to seven eighths of it, so that it happens rarely; the `keep` most recently
+    /// used stay in any case. Returns the evicted values.
     pub fn insert(&self, id: TileId, value: Arc<V>, bytes: u64, keep: usize) -> Vec<Arc<V>> {
         let mut held = self.held.write().unwrap_or_else(PoisonError::into_inner);
         let slot = Slot { value, bytes, used: AtomicU64::new(self.now()) };
@@ -91,14 +96,14 @@ impl<V> Store<V> {
     }
 }
 
-/// Decoded tiles.
+/// The cache of decoded tiles.
 pub(super) struct Lattices {
     store: Store<Lattice>,
     /// Tiles that a thread is decoding.
     busy: Mutex<HashSet<TileId>>,
     done: Condvar,
     decoded: AtomicU64,
-    spare: Mutex<Vec<Lattice>>,
+    pool: Mutex<Vec<Lattice>>,
 }
 
 /// Decodes a tile from its parent into a lattice of any content.
@@ -118,14 +123,14 @@ impl Drop for Claim<'_> {
 }
 
 impl Lattices {
-    /// An empty store of so many bytes.
+    /// An empty store of at most `budget` bytes.
     pub fn new(budget: u64) -> Self {
         Self {
             store: Store::new(budget),
             busy: Mutex::default(),
             done: Condvar::new(),
             decoded: AtomicU64::new(0),
-            spare: Mutex::default(),
+            pool: Mutex::default(),
         }
     }
 
@@ -134,21 +139,22 @@ impl Lattices {
         self.decoded.load(Ordering::Relaxed)
     }
 
-    /// A tile, if it is there. It and its ancestors become the most recently used.
+    /// A tile, if it is in the cache. It and its ancestors become the most recently used.
     pub fn find(&self, id: TileId) -> Option<Arc<Lattice>> {
         self.store.touch(ancestors(id));
         self.store.get(id)
     }
 
-    /// A tile from the store, or decoded from its parent, which is got in the same way.
+    /// A tile from the cache, or decoded from its parent, which is got in the same way.
     pub fn get(&self, id: TileId, decode: Decode<'_>) -> Result<Arc<Lattice>> {
         let claim = match self.find_or_claim(id) {
             Ok(lattice) => return Ok(lattice),
             Err(claim) => claim,
         };
-        let spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let mut lattice = spare.unwrap_or_default();
-        // Whoever holds a claim waits for tiles of lower levels only: no two wait for each other.
+        let pooled = self.pool.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut lattice = pooled.unwrap_or_default();
+        // The holder of a claim waits only for tiles of levels nearer the root: no two threads wait
+        // for each other.
         self.decode(id, decode, &mut lattice)?;
         let bytes = size_of::<Lattice>() + 4 * (lattice.code.len() + lattice.low.len()) + lattice.state.len();
         let lattice = Arc::new(lattice);
@@ -159,7 +165,7 @@ impl Lattices {
         Ok(lattice)
     }
 
-    /// Decodes a tile that is not to be kept, whatever is in the store; its ancestors are.
+    /// Decodes a tile into `out` without caching it; its ancestors are cached.
     pub fn decode(&self, id: TileId, decode: Decode<'_>, out: &mut Lattice) -> Result<()> {
         let parent = id.parent().map(|parent| self.get(parent, decode)).transpose()?;
         decode(id, parent.as_deref(), out)?;
@@ -176,19 +182,19 @@ impl Lattices {
             if busy.insert(id) {
                 drop(busy);
                 let claim = Claim { of: self, id };
-                // Who had the claim before may have put the tile there in the meantime.
+                // The holder of the claim before may have cached the tile in the meantime.
                 return self.find(id).ok_or(claim);
             }
             drop(self.done.wait(busy).unwrap_or_else(PoisonError::into_inner));
         }
     }
 
-    /// Keeps the memory of tiles that nobody has any more.
+    /// Pools the memory of evicted tiles that no caller holds any more.
     fn recycle(&self, gone: Vec<Arc<Lattice>>) {
         let free = gone.into_iter().filter_map(Arc::into_inner);
-        let mut spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner);
-        let room = SPARE.saturating_sub(spare.len());
-        spare.extend(free.take(room));
+        let mut pool = self.pool.lock().unwrap_or_else(PoisonError::into_inner);
+        let room = POOLED.saturating_sub(pool.len());
+        pool.extend(free.take(room));
     }
 }
 

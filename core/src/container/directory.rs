@@ -1,7 +1,9 @@
-//! The index (section 6 of the specification): pages, each a subtree of at most five levels of the existing tiles.
+//! The index (section 6 of the specification): pages, each a subtree of at most five levels of the
+//! existing tiles.
 //!
-//! A page that decodes is whole: the `children` bits and the counts agree, every row is sound, and it stands at the place
-//! it was asked for. Whether its offsets lie within their sections is checked by who knows the sections.
+//! A page that decodes is whole: the `children` bits and the counts agree, every row is sound, and
+//! it begins with the tile that was asked for. The caller, who knows the sections, checks that its
+//! offsets lie within them.
 
 use super::bytes::Bytes;
 pub use super::entry::{ChunkKind, ChunkPlace, TileEntry};
@@ -13,7 +15,7 @@ const PAGE_LEVELS: u8 = 5;
 /// Most tiles of a page: 1 + 4 + 16 + 64 + 256.
 const MAX_TILES: usize = 341;
 
-/// The quadtree that an index is of.
+/// The quadtree of a layer, as its index has to know it.
 pub trait Quadtree {
     /// The level that no tile lies below.
     fn leaf(&self) -> u8;
@@ -25,11 +27,12 @@ pub trait Quadtree {
     fn max_chunk_bytes(&self) -> u64;
 }
 
-/// A row of an index: a tile's children, and where its chunks stand; the rest is the layer's affair.
+/// A row of an index: a tile's children, where its chunks lie, and columns that only its layer
+/// knows.
 pub trait Row: Copy {
     /// Bytes of a row on a page.
     const BYTES: usize;
-    /// What errors put before "tile" and "index page".
+    /// The word that error messages put before "tile" and "index page".
     const LAYER: &'static str;
     /// Deepest level that a layer can have.
     const MAX_LEVEL: u8;
@@ -40,10 +43,10 @@ pub trait Row: Copy {
     /// Bit `q` is set if child `q` exists.
     fn children(&self) -> u8;
 
-    /// Of the first chunk, from the start of the layer's tiles section.
+    /// Offset of the first chunk from the start of the layer's tiles section.
     fn offset(&self) -> u64;
 
-    /// Puts the chunks elsewhere.
+    /// Sets the offset of the first chunk.
     fn set_offset(&mut self, offset: u64);
 
     /// Bytes of each chunk.
@@ -54,10 +57,11 @@ pub trait Row: Copy {
         self.lengths().iter().map(|&length| u64::from(length)).sum()
     }
 
-    /// Appends the columns behind `children`.
+    /// Appends the columns of `rows` that follow `children`.
     fn encode(rows: &[Self], out: &mut Vec<u8>);
 
-    /// Reads them, for these tiles; fails if a row contradicts itself.
+    /// Reads the rows of the tiles `ids` from the columns that follow `children`. Fails if a row
+    /// contradicts itself.
     fn decode(bytes: &mut Bytes, ids: &[TileId], children: &[u8]) -> Result<Vec<Self>>;
 }
 
@@ -75,10 +79,10 @@ pub(super) fn encode_columns<R, const N: usize>(
     out.extend(rows.iter().flat_map(field));
 }
 
-/// Where another page stands.
+/// The place of another page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PageRef {
-    /// From the start of the pages section.
+    /// Offset from the start of the pages section.
     pub offset: u64,
     /// Bytes as stored.
     pub length: u32,
@@ -86,14 +90,15 @@ pub struct PageRef {
     pub crc: u32,
 }
 
-/// What a page knows of a tile.
+/// The result of looking a tile up on a page.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Found<'a, R = TileEntry> {
     /// Its row.
     Tile(&'a R),
-    /// The page whose root is the tile or an ancestor of it: that ancestor, and where the page stands.
+    /// It is on a page below: the root of that page, which is the tile or an ancestor of it, and
+    /// the place of the page.
     Below(TileId, PageRef),
-    /// It does not exist.
+    /// The tile does not exist.
     Nothing,
 }
 
@@ -105,11 +110,12 @@ pub type Page = IndexPage<TileEntry>;
 pub struct IndexPage<R> {
     /// Levels in the page.
     pub depth: u8,
-    /// The rows: level by level from the page's root, in the order of the parents, children by quadrant.
+    /// The rows: level by level from the page's root, in the order of the parents, children by
+    /// quadrant.
     pub tiles: Vec<R>,
     /// The pages below, in the order of the children of the last level's tiles.
     pub pages: Vec<PageRef>,
-    /// For each tile the place of its first child, in `tiles` or, on the last level, in `pages`.
+    /// For each tile the index of its first child, in `tiles` or, on the last level, in `pages`.
     first_child: Vec<u16>,
 }
 
@@ -139,12 +145,12 @@ impl<R: Row> IndexPage<R> {
         self.tiles.first().map_or(TileId::ROOT, Row::id)
     }
 
-    /// Bytes that the page takes in memory, about.
+    /// About how many bytes of memory the page takes.
     pub fn memory(&self) -> usize {
         size_of::<Self>() + self.tiles.len() * (size_of::<R>() + 2) + self.pages.len() * size_of::<PageRef>()
     }
 
-    /// Fills in the places of the children.
+    /// Sets `first_child`.
     fn link(&mut self) {
         let last = self.root().level + self.depth - 1;
         let (mut tile, mut page) = (1, 0);
@@ -180,7 +186,7 @@ impl<R: Row> IndexPage<R> {
         self.tiles.get(index).map_or(Found::Nothing, Found::Tile)
     }
 
-    /// The page's bytes, before they are packed.
+    /// The page's bytes before compression.
     pub fn encode(&self) -> Vec<u8> {
         let root = self.root();
         let mut out = vec![root.level, self.depth, 0, 0];
@@ -230,7 +236,8 @@ fn error_in(place: &str, got: String) -> Error {
     Error::format(place, "children and tiles that agree", got)
 }
 
-/// The tiles that a page's `children` bits tell of, in the page's order; the reason if they cannot be.
+/// The tiles of a page in order, by its `children` bits; an error message if the bits contradict
+/// each other or the tree.
 fn ids_of(root: TileId, depth: u8, children: &[u8], tree: &impl Quadtree) -> Result<Vec<TileId>, String> {
     let mut ids = vec![root];
     let last = root.level + depth - 1;

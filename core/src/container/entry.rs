@@ -1,4 +1,5 @@
-//! The rows of the heights' index (section 6 of the specification): one per tile, everything about it but its content.
+//! The rows of the heights' index (section 6 of the specification): one a tile, with everything
+//! about it but its content.
 
 use super::bytes::Bytes;
 use super::directory::{Row, column, encode_columns, existing_children};
@@ -10,7 +11,7 @@ use crate::tile::TileId;
 const HAS_VALID: u8 = 1;
 const HAS_VOID: u8 = 2;
 
-/// The chunks of a tile, in the order in which they stand.
+/// The kinds of chunks of a tile, in the order in which they are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ChunkKind {
     /// Heights, section 9.
@@ -25,7 +26,7 @@ impl ChunkKind {
     /// All kinds, in order.
     pub const ALL: [Self; 3] = [Self::Heights, Self::Mask, Self::Errors];
 
-    /// What people call it.
+    /// Its name for people.
     pub fn name(self) -> &'static str {
         match self {
             Self::Heights => "heights",
@@ -35,14 +36,14 @@ impl ChunkKind {
     }
 }
 
-/// Where the chunks of a tile stand.
+/// Where the chunks of a tile are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChunkPlace<const N: usize = 3> {
-    /// Of the first chunk, from the start of the tiles section.
+    /// Offset of the first chunk from the start of the tiles section.
     pub offset: u64,
-    /// Bytes of each, in their order: for heights by [`ChunkKind`].
+    /// Bytes of each chunk in order: of heights by [`ChunkKind`].
     pub lengths: [u32; N],
-    /// CRC of each as stored.
+    /// CRC of each chunk as stored.
     pub crcs: [u32; N],
 }
 
@@ -58,7 +59,8 @@ impl<const N: usize> ChunkPlace<N> {
         self.lengths.iter().map(|&length| u64::from(length)).sum()
     }
 
-    /// Offset (from the start of the tiles section), length and CRC of chunk `index`, which is below `N`.
+    /// Offset (from the start of the tiles section), length and CRC of chunk `index`, which is
+    /// below `N`.
     pub fn at(&self, index: usize) -> (u64, u32, u32) {
         let before: u64 = self.lengths.iter().take(index).map(|&length| u64::from(length)).sum();
         (self.offset.saturating_add(before), self.lengths[index], self.crcs[index])
@@ -81,17 +83,17 @@ pub struct TileEntry {
     pub children: u8,
     /// True if the tile's own lattice has a valid sample.
     pub has_valid: bool,
-    /// True if it has a void one.
+    /// True if the tile's own lattice has a void sample.
     pub has_void: bool,
     /// Error code: the largest vertical error of its patches at step 0.
     pub vertical: u16,
-    /// Error code: the largest horizontal error likewise.
+    /// Error code: the largest horizontal error of its patches at step 0.
     pub horizontal: u16,
-    /// Lowest height in metres of what is below, rounded down.
+    /// Lowest height, in metres, of the full resolution below the tile, rounded down.
     pub min_m: f32,
-    /// Greatest height in metres, rounded up.
+    /// Greatest height below it, rounded up.
     pub max_m: f32,
-    /// Where its chunks stand.
+    /// Where its chunks are stored.
     pub chunks: ChunkPlace,
 }
 

@@ -1,11 +1,12 @@
-//! Rasters that are taken for containers: what a file is instead, so that its owner knows what to do with it.
+//! Names the format of a file that is not a container, for the error message: rasters are often
+//! given in a container's place.
 
 use std::path::Path;
 
 use super::opening::MAGIC;
 use crate::error::Error;
 
-/// First bytes of what is often given in a container's place, and its name.
+/// First bytes and name of formats that are often given in a container's place.
 const KINDS: [(&[u8], &str); 14] = [
     (b"II*\0", "a TIFF"),
     (b"MM\0*", "a TIFF"),
@@ -23,14 +24,14 @@ const KINDS: [(&[u8], &str); 14] = [
     (b"UHL1", "a DTED file"),
 ];
 
-/// The error of a file that is known to be something else; `None` of a container, and of what nobody knows.
+/// The error of a file of a known other format; `None` for a container or an unknown format.
 pub(super) fn refused(start: &[u8], path: &Path) -> Option<Error> {
     if start.starts_with(&MAGIC) {
         return None;
     }
     let text = start.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(start).trim_ascii_start();
     let by_start = KINDS.iter().find(|(first, _)| start.starts_with(first) || text.starts_with(first));
-    // Raw heights have no first bytes of their own.
+    // Raw heights have no signature.
     let is_hgt = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("hgt"));
     let kind = by_start.map(|(_, kind)| *kind).or(is_hgt.then_some("an SRTM tile"))?;
     let hint = format!("make one of it first: relevo build {}", path.display());

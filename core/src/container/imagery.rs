@@ -11,18 +11,18 @@ use crate::tile::TileId;
 pub const MAX_IMAGERY_LEVEL: u8 = 30;
 const PLACE: &str = "imagery header";
 
-/// What an imagery layer says about itself.
+/// The header of an imagery layer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageryHeader {
     /// Texels along the side of a tile, gutters not counted: a multiple of 4, 64..=4096.
     pub tile: u32,
-    /// Texels of its neighbours that a tile has on every side, 0..=16.
+    /// Texels of its neighbours that a tile repeats on every side, 0..=16.
     pub gutter: u8,
     /// How tiles are stored.
     pub codec: Codec,
     /// Quality of a JPEG, 1..=100; 0 for other codecs.
     pub quality: u8,
-    /// What the colour of a texel is.
+    /// The colour type of a texel.
     pub colour: Colour,
     /// True if some tile has a texel that is not opaque.
     pub alpha: bool,
@@ -38,12 +38,12 @@ impl ImageryHeader {
         self.tile as usize + 2 * usize::from(self.gutter)
     }
 
-    /// What the codec has to know.
+    /// The form of the tiles, for the codec.
     pub fn form(&self) -> Form {
         Form { codec: self.codec, quality: self.quality, colour: self.colour, side: self.side() }
     }
 
-    /// Texels along the root square at a level.
+    /// Texels along a side of the root square at a level.
     pub fn texels(&self, level: u8) -> u64 {
         u64::from(self.tile) << level
     }
@@ -67,7 +67,8 @@ impl ImageryHeader {
         demand(self.tiles > 0, "tile count", "at least 1", "0".into())
     }
 
-    /// The section: the fields, the root page as stored, and the JPEG prefix (empty for other codecs).
+    /// The section: the fields, the root page as stored, and the JPEG prefix (empty for other
+    /// codecs).
     pub fn encode(&self, root: &[u8], prefix: &[u8]) -> Vec<u8> {
         let mut out = Vec::new();
         out.extend((self.tile as u16).to_le_bytes());
@@ -81,7 +82,8 @@ impl ImageryHeader {
         out
     }
 
-    /// What [`ImageryHeader::encode`] has written: the header, the root page as stored, and the tables if it is of JPEGs.
+    /// Decodes the section: the inverse of [`ImageryHeader::encode`]. Returns the header, the root
+    /// page as stored, and the tables of a JPEG layer.
     pub(super) fn decode(bytes: &[u8]) -> Result<(Self, &[u8], Option<JpegTables>)> {
         let mut bytes = Bytes::new(bytes, PLACE);
         let tile = bytes.u16()?.into();
@@ -138,9 +140,9 @@ impl Quadtree for ImageryHeader {
 pub struct ImageryEntry {
     /// Which tile.
     pub id: TileId,
-    /// Bit `q` is set if child `q` exists; 0 for a tile of the finest picture there.
+    /// Bit `q` is set if child `q` exists; 0 if there is no finer imagery.
     pub children: u8,
-    /// Where its chunks stand: colour, alpha.
+    /// Where its chunks are stored: colour, alpha.
     pub chunks: ChunkPlace<2>,
 }
 

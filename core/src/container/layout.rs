@@ -1,6 +1,6 @@
-//! The header (section 4 of the specification), with what follows from it.
+//! The header (section 4 of the specification), and the sizes that follow from it.
 //!
-//! [`Header`] holds what a file says about its terrain; what it says about itself is in [`super::opening`]. Decoding
+//! [`Header`] describes the terrain; the file itself is described in [`super::opening`]. Decoding
 //! checks every field against its range and against the others: a header that decodes is sound.
 
 use std::fmt;
@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::sample::{Coding, SampleType};
 use crate::tile::TileId;
 
-/// The version that this program writes; it reads those before as well.
+/// The version that this program writes; it also reads earlier ones.
 pub const VERSION: u16 = 2;
 /// Largest number of columns or rows.
 pub const MAX_SIDE: u32 = 1 << 30;
@@ -25,14 +25,14 @@ const HAS_TRANSFORM: u16 = 1;
 const HAS_NODATA: u16 = 2;
 const QUANTISED: u16 = 4;
 
-/// What the errors of a file mean.
+/// The meaning of the errors of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[repr(u8)]
 pub enum Metric {
     /// The largest one-step error of the dropped vertices; not a bound.
     Paper = 1,
-    /// No point of the surface deviates by more.
+    /// A bound: no point of the surface deviates by more.
     #[default]
     Bound = 2,
 }
@@ -65,7 +65,8 @@ impl FromStr for Metric {
     }
 }
 
-/// The leaf level `L`: the least with `tile * 2^L >= max(width, height) - 1`. `tile` is in intervals, at least 1.
+/// The leaf level `L`: the least with `tile * 2^L >= max(width, height) - 1`. `tile` is in
+/// intervals, at least 1.
 pub fn leaf_level(width: u32, height: u32, tile: u32) -> u8 {
     let intervals = u64::from(width.max(height).max(1) - 1);
     let mut level = 0;
@@ -75,10 +76,11 @@ pub fn leaf_level(width: u32, height: u32, tile: u32) -> u8 {
     level
 }
 
-/// What a file says about its terrain.
+/// The terrain of a file: sizes, numbers and place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Header {
-    /// Version of the format, 1 or [`VERSION`]. In version 1 the horizontal errors of geographic rasters are no proven bounds.
+    /// Version of the format, 1 or [`VERSION`]. In version 1 the horizontal errors of geographic
+    /// rasters are not proven bounds.
     pub version: u16,
     /// Columns of the lattice.
     pub width: u32,
@@ -90,11 +92,11 @@ pub struct Header {
     pub patch_log2: u8,
     /// The leaf level `L`; [`leaf_level`] gives it.
     pub levels: u8,
-    /// What the errors mean.
+    /// The meaning of the errors.
     pub metric: Metric,
     /// How codes become values.
     pub coding: Coding,
-    /// Type of the source's samples: what an export writes.
+    /// Type of the source's samples, which an export writes.
     pub source_type: SampleType,
     /// Metres are `(band_offset + band_scale * value) * unit_metres`. Finite, not 0.
     pub band_scale: f64,
@@ -133,7 +135,8 @@ impl Header {
         u32::from(self.patch_log2) + 1
     }
 
-    /// Lattice samples from one sample of a level to the next: `2^(L - level)`; 1 below the leaf level.
+    /// Lattice samples from one sample of a level to the next: `2^(L - level)`; 1 below the leaf
+    /// level.
     pub fn spacing(&self, level: u8) -> u32 {
         1 << self.levels.saturating_sub(level)
     }
@@ -160,7 +163,8 @@ impl Header {
         (u64::from(id.x) * side, u64::from(id.y) * side)
     }
 
-    /// True if a tile of this id can exist: it has a level, lies in the root square and touches the raster.
+    /// True if a tile of this id can exist: it has a level, lies in the root square and touches the
+    /// raster.
     pub fn holds(&self, id: TileId) -> bool {
         if id.level > self.levels || id.x >> id.level != 0 || id.y >> id.level != 0 {
             return false;
@@ -169,7 +173,7 @@ impl Header {
         column < u64::from(self.width) && row < u64::from(self.height)
     }
 
-    /// Bytes that a stored chunk may have at most: what the worst terrain needs, and some.
+    /// Most bytes of a stored chunk: enough for any terrain.
     pub fn max_chunk_bytes(&self) -> u64 {
         16 * (u64::from(self.tile()) + 1).pow(2) + 65_536
     }
@@ -231,7 +235,7 @@ impl Header {
             | flag(self.quantisation_error > 0.0, QUANTISED)
     }
 
-    /// Fields from offset 32 to 160.
+    /// Appends the fields from offset 32 to 160.
     pub(super) fn encode(&self, out: &mut Vec<u8>) {
         let (kind, scale, offset) = match self.coding {
             Coding::Integer { scale, offset } => (1, scale, offset),
@@ -251,7 +255,7 @@ impl Header {
         out.extend(self.tile_count.to_le_bytes());
     }
 
-    /// The fields that [`Header::encode`] has written, of a file of this version.
+    /// Decodes the fields of [`Header::encode`] in a file of this version.
     pub(super) fn decode(version: u16, bytes: &mut Bytes) -> Result<Self> {
         let (width, height) = (bytes.u32()?, bytes.u32()?);
         let (tile_log2, patch_log2, levels) = (bytes.u8()?, bytes.u8()?, bytes.u8()?);
@@ -321,12 +325,12 @@ impl Quadtree for Header {
     }
 }
 
-/// Fails with the field's name unless `is`.
+/// Fails with the name of the field unless `is` holds.
 pub(super) fn demand(is: bool, field: &str, expected: &str, got: impl ToString) -> Result<()> {
     if is { Ok(()) } else { Err(Error::format(format!("header, {field}"), expected, got)) }
 }
 
-/// A refusal of what a later program has written.
+/// The error for a file that a later program has written.
 pub(super) fn newer(what: String) -> Error {
     Error::unsupported(what, "written by a newer relevo; use one that knows it")
 }

@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 use crate::error_code::MAX_CODE;
 use crate::geo::Crs;
 
-/// What a file says for people and for an export; no tile needs it.
+/// Facts for people and for an export. No tile needs them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Metadata {
@@ -29,15 +29,16 @@ pub struct Metadata {
     pub bounds: Option<[f64; 4]>,
     /// Name of the vertical unit; empty if unknown.
     pub vertical_unit: String,
-    /// Where `place`, `crs`, `nodata`, `unit`, `scale`, `offset` and `mask` were found, for people; those that nothing said are absent.
+    /// Where each of `place`, `crs`, `nodata`, `unit`, `scale`, `offset` and `mask` was found, for
+    /// people; those that were found nowhere are absent.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub origins: BTreeMap<String, String>,
-    /// The rasters that the file was made of, or the first of them: as many as there is room for.
+    /// The rasters that the file was made of; only the first of them if there is no room for all.
     pub sources: Vec<SourceNote>,
-    /// How many more there were.
+    /// How many rasters `sources` leaves out.
     #[serde(skip_serializing_if = "is_zero")]
     pub more_sources: u64,
-    /// What the build was asked for: an object.
+    /// The options of the build: an object.
     pub options: Value,
     /// The levels, root first.
     pub levels: Vec<LevelNote>,
@@ -51,17 +52,17 @@ fn is_zero(number: &u64) -> bool {
     *number == 0
 }
 
-/// What an imagery layer was made of.
+/// The sources and options that an imagery layer was made of.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ImageryNote {
     /// Program and version that made it.
     pub tool: String,
-    /// How many pictures it was made of.
+    /// How many pictures the layer was made of.
     pub pictures: u64,
-    /// The first of them: as many as there is room for.
+    /// The pictures; only the first of them if there is no room for all.
     pub sources: Vec<PictureSourceNote>,
-    /// What was asked for: an object.
+    /// The options: an object.
     pub options: Value,
 }
 
@@ -75,10 +76,10 @@ pub struct PictureSourceNote {
     pub description: String,
     /// Bands that became grey, or red, green and blue, from 1.
     pub bands: Vec<u32>,
-    /// For each of them the values that became 0 and 255; empty for 8-bit samples taken as they are.
+    /// For each band the values that became 0 and 255; empty for 8-bit samples taken as they are.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub stretch: Vec<(f64, f64)>,
-    /// The finest level that it was resampled to.
+    /// The finest level that the picture was resampled to.
     pub level: u8,
 }
 
@@ -92,13 +93,13 @@ pub struct SourceNote {
     pub description: String,
 }
 
-/// One level in short.
+/// The summary of a level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LevelNote {
     /// Existing tiles.
     pub tiles: u64,
-    /// Bytes of their chunks.
+    /// Bytes of the chunks of these tiles.
     pub bytes: u64,
     /// Largest vertical error of a tile at step 0, metres.
     #[serde(with = "infinite")]
@@ -115,7 +116,7 @@ const MAX_STEPS: usize = 7;
 /// Most bins of a histogram: the upper bits of the error codes from 0 to infinity.
 const MAX_BINS: usize = (MAX_CODE >> 6) as usize + 1;
 
-/// How wrong a file is, by level and step.
+/// Distributions of the errors of a file, by level and step.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Statistics {
     /// The levels, root first.
@@ -134,13 +135,13 @@ pub struct LevelStatistics {
     pub patches: u64,
     /// Columns of the level's lattice within the raster.
     pub columns: u64,
-    /// Rows of it.
+    /// Rows of the level's lattice within the raster.
     pub rows: u64,
-    /// Valid samples of it.
+    /// Valid samples of the level's lattice.
     pub valid: u64,
     /// Lowest height in metres; `None` if the level has no valid sample.
     pub min_m: Option<f64>,
-    /// Greatest height in metres.
+    /// Greatest height in metres, likewise.
     pub max_m: Option<f64>,
     /// Bytes of all heights chunks.
     pub heights_bytes: u64,
@@ -156,7 +157,7 @@ pub struct LevelStatistics {
 /// Statistics of one step of a level.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StepStatistics {
-    /// Metres from sample to sample at this step, east and south, the largest of the level.
+    /// Metres from sample to sample at this step, east and south: the largest of the level.
     pub spacing_m: [f64; 2],
     /// Vertical errors of the patches.
     pub vertical: ErrorStatistics,
@@ -167,15 +168,15 @@ pub struct StepStatistics {
 /// Distribution of errors, in metres.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ErrorStatistics {
-    /// Patches below which there is a valid sample.
+    /// Patches that have a valid sample in or below them.
     pub count: u64,
-    /// Least.
+    /// Least error.
     #[serde(with = "infinite")]
     pub min: f64,
-    /// Mean.
+    /// Mean of the errors.
     #[serde(with = "infinite")]
     pub mean: f64,
-    /// Largest.
+    /// Largest error.
     #[serde(with = "infinite")]
     pub max: f64,
     /// Median (nearest rank).
@@ -193,24 +194,24 @@ pub struct ErrorStatistics {
 }
 
 impl Metadata {
-    /// The section's bytes.
+    /// The bytes of the section.
     pub fn encode(&self) -> Result<Vec<u8>> {
         encode(self, "metadata")
     }
 
-    /// Metadata of a section's bytes.
+    /// The metadata in the bytes of a section.
     pub fn decode(bytes: &[u8]) -> Result<Self> {
         decode(bytes, "metadata")
     }
 }
 
 impl Statistics {
-    /// The section's JSON, before it is packed.
+    /// The JSON of the section, before compression.
     pub fn encode(&self) -> Result<Vec<u8>> {
         encode(self, "statistics")
     }
 
-    /// Statistics of the unpacked JSON.
+    /// The statistics in the JSON of the section.
     pub fn decode(bytes: &[u8]) -> Result<Self> {
         decode(bytes, "statistics")
     }
@@ -225,7 +226,8 @@ fn decode<'a, T: Deserialize<'a>>(bytes: &'a [u8], what: &str) -> Result<T> {
         .map_err(|error| Error::format(what, "JSON as the specification says", error))
 }
 
-/// A list of at most `MOST` elements: a small section that packs millions of them is refused before they take memory.
+/// Deserialises a list of at most `MOST` elements. A small section into which millions are packed
+/// is refused before they take memory.
 fn at_most<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MOST: usize>(
     deserializer: D,
 ) -> Result<Vec<T>, D::Error> {
@@ -253,7 +255,7 @@ fn at_most<'de, D: Deserializer<'de>, T: Deserialize<'de>, const MOST: usize>(
     deserializer.deserialize_seq(List::<T, MOST>(PhantomData))
 }
 
-/// Infinity, which JSON lacks, as `null`.
+/// Serialises a number whose infinity, which JSON lacks, is `null`.
 mod infinite {
     use serde::{Deserialize, Deserializer, Serializer};
 

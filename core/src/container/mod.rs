@@ -1,8 +1,9 @@
 //! The container: one `.rlv` file, byte for byte as `format-spec.md` says.
 //!
-//! `opening`, `layout`, `sections`, `directory`, `entry`, `imagery` and `metadata` hold the structures, each with encoding and
-//! decoding side by side (sections 3-4, 6, and 5 and 11 of the specification). The reader builds on them, and so does whoever
-//! writes. Nothing here knows a raster: tiles leave as chunks of bytes and as lattices.
+//! `opening`, `layout`, `sections`, `directory`, `entry`, `imagery` and `metadata` hold the
+//! structures, each with encoding and decoding side by side (sections 3-4, 6, and 5 and 11 of the
+//! specification). The reader and the writers build on them. Nothing here knows a raster: a tile is
+//! a lattice and some chunks of bytes.
 
 #[cfg(feature = "write")]
 pub mod assemble;

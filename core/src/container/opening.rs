@@ -1,7 +1,9 @@
-//! The fixed start of a file (sections 3 and 4 of the specification): header and section table under one CRC.
+//! The fixed start of a file (sections 3 and 4 of the specification): header and section table
+//! under one CRC.
 //!
-//! Refuses, in this order: what is no container, what a newer program wrote, what is damaged, truncated or longer than it
-//! says. An opening that decodes is sound, and its sections fill the file.
+//! Refuses, in this order: a file that is no container, one that a newer program wrote, one that is
+//! damaged, truncated or longer than it states. An opening that decodes is sound, and its sections
+//! fill the file.
 
 use super::bytes::Bytes;
 use super::layout::{Header, VERSION, demand, newer};
@@ -12,7 +14,7 @@ use crate::error::{Error, Result};
 pub const MAGIC: [u8; 8] = *b"\x89RLV\r\n\x1a\n";
 /// Bytes of the header.
 pub const HEADER_BYTES: usize = 256;
-/// Root page and metadata lie within the first so many bytes: one request opens a file.
+/// Root page and metadata end within this many bytes of the start: one request opens a file.
 pub const OPENING_BYTES: u64 = 65_536;
 /// Header and section table: the fixed start of a file.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,7 +28,7 @@ pub struct Opening {
 }
 
 impl Opening {
-    /// Bytes of header and section table for so many sections.
+    /// Bytes of the header and a table of `sections` sections: the offset of the first section.
     pub fn bytes(sections: usize) -> u64 {
         (HEADER_BYTES + sections * SectionEntry::BYTES) as u64
     }
@@ -53,8 +55,8 @@ impl Opening {
         out
     }
 
-    /// Decodes the start of a file: its first [`OPENING_BYTES`], or all of it if it is shorter. `file_length` is the
-    /// length that it really has.
+    /// Decodes the start of a file: its first [`OPENING_BYTES`], or all of it if it is shorter.
+    /// `file_length` is its real length.
     pub fn decode(start: &[u8], file_length: u64) -> Result<Self> {
         let truncated =
             |expected: String| Error::format("file", expected, format!("{file_length}: truncated"));
@@ -99,7 +101,8 @@ impl Opening {
         demand(reserved.iter().all(|&byte| byte == 0), "reserved bytes", "zeros", "others")?;
         let mut bytes = Bytes::new(table, "section table");
         let sections = (0..count).map(|_| SectionEntry::decode(&mut bytes)).collect::<Result<Vec<_>>>()?;
-        sections::check(&sections, file_length)?;
+        let first_offset = Self::bytes(sections.len());
+        sections::check(&sections, first_offset..file_length, OPENING_BYTES)?;
         Ok(Self { header, sections, file_length })
     }
 }

@@ -1,11 +1,13 @@
-//! Reads a container: header and index at once, pages and tiles when they are asked for, by many threads.
+//! The reader of a container: header and root page at once, other pages and tiles on demand, from
+//! many threads.
 //!
-//! Every byte is held against its CRC and every number against its limit before it is used. A file that is damaged gives
-//! an error that says where; it never gives wrong heights, and never takes more memory than its own size and the caches
-//! explain. Nothing is mapped: a file that changes underneath gives errors, not signals.
+//! Every byte is checked against its CRC and every number against its limit before it is used. A
+//! damaged file gives an error that says where; it never gives wrong heights, and never takes more
+//! memory than its own size and the caches explain. Nothing is mapped: a file that changes
+//! underneath gives errors, not signals.
 //!
-//! There is no way to decode masks alone: a mask needs its parent's, and the states come with the heights of
-//! [`Reader::read_tile`]. What only counts samples finds the counts in [`Reader::statistics`].
+//! There is no way to decode masks alone: a mask needs its parent's, and the states come with the
+//! heights of [`Reader::read_tile`]. To count samples, use [`Reader::statistics`].
 
 mod imagery;
 mod index;
@@ -15,7 +17,7 @@ mod walk;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use super::cache::{Lattices, SPARE};
+use super::cache::{Lattices, POOLED};
 use super::directory::{ChunkKind, TileEntry};
 use super::foreign;
 use super::layout::Header;
@@ -32,24 +34,27 @@ use crate::tile::TileId;
 pub use imagery::ImageryLayer;
 use index::{Index, Input};
 
-/// Bytes for each sample of a tile that a thread decodes: its chunks and the buffers of the codec.
-const DESK_SAMPLE: u64 = 24;
+/// Bytes of scratch memory for each sample of a tile that a thread decodes: its chunks and the
+/// memory of the codec.
+const SCRATCH_BYTES: u64 = 24;
 
-/// How much a reader keeps and accepts.
+/// The limits of a reader: what it caches and what it accepts.
 #[derive(Clone, Copy, Debug)]
 pub struct ReaderOptions {
-    /// Bytes of decoded tiles and pages to keep (64 MiB): an eighth of it for pages. The ancestors of the tile that is
-    /// being read stay whatever they take.
+    /// Bytes of decoded tiles and pages to cache (default 64 MiB), an eighth of it for pages. The
+    /// ancestors of the tile that is being read stay in any case.
     pub cache_bytes: u64,
-    /// What numbers of the file are held against.
+    /// Limits for the numbers of the file.
     pub limits: Limits,
-    /// Bytes of memory that the program keeps within which reads (no limit): an export and a check choose how they work by it, or refuse.
+    /// Bytes of memory that the reading program keeps within (default: no limit): by it an export
+    /// and a verification choose how they work, or refuse.
     pub memory: Option<u64>,
 }
 
 impl ReaderOptions {
-    /// Those of a program that keeps within so many bytes: less is kept then of what is decoded, as much whatever the limit, so that what is
-    /// needed does not grow with it.
+    /// The options of a program that keeps within `memory` bytes. With a limit the cache is
+    /// smaller, and the same for all limits, so that the memory needed does not grow with the
+    /// limit.
     pub fn within(memory: Option<u64>) -> Self {
         let options = Self::default();
         let cache_bytes = memory.map_or(options.cache_bytes, |_| 16 << 20);
@@ -73,7 +78,8 @@ pub struct Reader {
     index: Index<Header, TileEntry>,
     imagery: Option<ImageryLayer>,
     lattices: Lattices,
-    desks: Mutex<Vec<tiles::Desk>>,
+    /// Scratch memory that no thread uses now.
+    pool: Mutex<Vec<tiles::Scratch>>,
 }
 
 impl Reader {
@@ -91,8 +97,8 @@ impl Reader {
         Self::new(file, path, options)
     }
 
-    /// Opens bytes from anywhere: reads and checks header, section table, root page and metadata. Messages call them
-    /// `name`.
+    /// Opens bytes from anywhere: reads and checks header, section table, root page and metadata.
+    /// Messages call them `name`.
     pub fn new(
         bytes: impl ReadAt + 'static,
         name: impl Into<PathBuf>,
@@ -136,36 +142,36 @@ impl Reader {
             index,
             imagery,
             lattices: Lattices::new(options.cache_bytes - for_pages),
-            desks: Mutex::default(),
+            pool: Mutex::default(),
         })
     }
 
-    /// What the file says about its terrain.
+    /// The header: the terrain of the file.
     pub fn header(&self) -> &Header {
         &self.opening.header
     }
 
-    /// What it says for people and for an export.
+    /// The metadata: facts for people and for an export.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
 
-    /// Where the terrain lies.
+    /// The georeference of the terrain.
     pub fn geo(&self) -> &Geo {
         &self.geo
     }
 
-    /// The file.
+    /// The path of the file.
     pub fn path(&self) -> &Path {
         &self.input.path
     }
 
-    /// Its length in bytes.
+    /// The length of the file in bytes.
     pub fn file_len(&self) -> u64 {
         self.opening.file_length
     }
 
-    /// Its sections, those of unknown kinds as well.
+    /// The sections of the file, including those of unknown kinds.
     pub fn sections(&self) -> &[SectionEntry] {
         &self.opening.sections
     }
@@ -175,23 +181,23 @@ impl Reader {
         self.imagery.as_ref()
     }
 
-    /// Bytes of memory that the program keeps within which reads; `None`: no limit.
+    /// Bytes of memory that the reading program keeps within; `None`: no limit.
     pub fn memory_limit(&self) -> Option<u64> {
         self.options.memory
     }
 
-    /// Bytes of memory that reading tiles on so many threads takes at most: what is kept, each tile that is being decoded with those above
-    /// it, and the buffers for that.
+    /// Most bytes of memory that reading tiles on `threads` threads takes: the caches, the tiles
+    /// that are being decoded with their ancestors, and scratch memory.
     pub fn memory(&self, threads: usize) -> u64 {
         let (header, threads) = (self.header(), threads as u64);
         let samples = (u64::from(header.tile()) + 1).pow(2);
         let lattice = samples * if header.coding.has_low() { 9 } else { 5 } + 256;
         let (all, cache) = (header.tile_count, self.options.cache_bytes);
-        let at_hand = (threads + 1) * (u64::from(header.levels) + 2) + SPARE as u64;
+        let at_hand = (threads + 1) * (u64::from(header.levels) + 2) + POOLED as u64;
         let layers = 1 + u64::from(self.imagery.is_some());
         let kept = all.saturating_mul(lattice).min(cache).saturating_add(layers * (cache / 8 + (1 << 20)));
         kept.saturating_add(all.min(at_hand).saturating_mul(lattice))
-            .saturating_add(threads * samples * DESK_SAMPLE)
+            .saturating_add(threads * samples * SCRATCH_BYTES)
     }
 
     /// The statistics, if the file has any.
@@ -225,7 +231,7 @@ impl Reader {
         self.index.entry(&self.input, id)
     }
 
-    /// A chunk as stored, held against its CRC.
+    /// A chunk as stored, checked against its CRC.
     pub fn raw_chunk(&self, id: TileId, kind: ChunkKind) -> Result<Vec<u8>> {
         let entry = self.existing(id)?;
         self.chunk(&entry, kind).map_err(|error| error.at(self.path()))
@@ -268,7 +274,7 @@ impl Reader {
             .map_err(|error| error.at(self.path()))
     }
 
-    /// An error of the codec, with the tile it concerns.
+    /// Adds the tile to an error of the codec.
     fn in_tile(&self, id: TileId, mut error: Error) -> Error {
         if let Error::Format { place, .. } = &mut error {
             *place = format!("tile {id}, {place}");

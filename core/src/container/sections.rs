@@ -1,10 +1,12 @@
-//! The section table (section 4 of the specification): what parts a file has and where.
+//! The section table (section 4 of the specification): the parts of a file and where they lie.
 //!
-//! Sections follow one another without gaps from the end of the table to the end of the file, in any order.
+//! Sections follow one another without gaps from the end of the table to the end of the file, in
+//! any order.
+
+use std::ops::Range;
 
 use super::bytes::Bytes;
 use super::layout::newer;
-use super::opening::{OPENING_BYTES, Opening};
 use crate::error::{Error, Result};
 
 /// Most sections of a file.
@@ -33,7 +35,7 @@ pub const REQUIRED: u32 = 1;
 /// The CRC field covers the section.
 pub const COVERED: u32 = 2;
 
-/// Name, flags and presence (must it be there) of the sections that version 1 knows.
+/// Kind, name, flags, and whether it must be there, of the sections that version 1 knows.
 const KNOWN: [(u32, &str, u32, bool); 8] = [
     (METADATA, "metadata", COVERED, true),
     (ROOT_PAGE, "root page", REQUIRED | COVERED, true),
@@ -48,7 +50,7 @@ const KNOWN: [(u32, &str, u32, bool); 8] = [
 /// One section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SectionEntry {
-    /// What it is: [`METADATA`] and so on, or a kind that this program does not know.
+    /// The kind of the section: [`METADATA`] and so on, or one that this program does not know.
     pub kind: u32,
     /// [`REQUIRED`], [`COVERED`].
     pub flags: u32,
@@ -70,12 +72,12 @@ impl SectionEntry {
         Self { kind, flags, offset, length, crc }
     }
 
-    /// First byte behind the section. Does not overflow once `check` has passed.
+    /// Offset of the first byte after the section. Does not overflow once `check` has passed.
     pub fn end(&self) -> u64 {
         self.offset.saturating_add(self.length)
     }
 
-    /// What people call it.
+    /// Its name for people.
     pub fn name(&self) -> String {
         let known = KNOWN.iter().find(|known| known.0 == self.kind);
         known.map_or_else(|| format!("kind {}", self.kind), |known| known.1.to_owned())
@@ -122,9 +124,9 @@ impl SectionEntry {
     }
 }
 
-/// Fails unless the sections fill the file, the known ones are there as often as they must, and what opens a file
-/// lies at its start.
-pub(super) fn check(sections: &[SectionEntry], file_length: u64) -> Result<()> {
+/// Fails unless the sections fill `place`, the known ones are there as often as they must be, and
+/// root page and metadata end within the first `opening_bytes` of the file.
+pub(super) fn check(sections: &[SectionEntry], place: Range<u64>, opening_bytes: u64) -> Result<()> {
     for (kind, name, _, must) in KNOWN {
         let count = sections.iter().filter(|section| section.kind == kind).count();
         if count > 1 || (must && count == 0) {
@@ -138,7 +140,7 @@ pub(super) fn check(sections: &[SectionEntry], file_length: u64) -> Result<()> {
     }
     let mut sorted: Vec<_> = sections.iter().collect();
     sorted.sort_by_key(|section| (section.offset, section.length));
-    let mut end = Opening::bytes(sections.len());
+    let Range { start: mut end, end: file_length } = place;
     for section in sorted {
         let place = || format!("section table, {}", section.name());
         if section.offset != end {
@@ -148,10 +150,10 @@ pub(super) fn check(sections: &[SectionEntry], file_length: u64) -> Result<()> {
             let most = format!("at most {} bytes, to the end of the file", file_length - end);
             Error::format(place(), most, section.length)
         })?;
-        if matches!(section.kind, METADATA | ROOT_PAGE) && end > OPENING_BYTES {
+        if matches!(section.kind, METADATA | ROOT_PAGE) && end > opening_bytes {
             return Err(Error::format(
                 place(),
-                format!("its end within the first {OPENING_BYTES} bytes"),
+                format!("its end within the first {opening_bytes} bytes"),
                 end,
             ));
         }

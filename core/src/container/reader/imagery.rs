@@ -1,6 +1,7 @@
 //! The imagery layer of an open file.
 //!
-//! A tile is decoded from its own chunks alone, and nothing decoded is kept: whoever draws keeps textures.
+//! A tile is decoded from its own chunks alone, and no decoded tile is cached: a renderer keeps
+//! textures.
 
 use std::sync::Arc;
 
@@ -26,7 +27,8 @@ pub struct ImageryLayer {
 }
 
 impl ImageryLayer {
-    /// The layer, if the file has one. `start` is the start of the file; `cache` bytes of index pages are kept.
+    /// The layer, if the file has one. `start` is the start of the file; `cache` is how many bytes
+    /// of index pages to cache.
     pub(super) fn open(
         input: &Arc<Input>,
         start: &[u8],
@@ -46,7 +48,7 @@ impl ImageryLayer {
         Ok(Some(Self { input: Arc::clone(input), header, tables, index }))
     }
 
-    /// What the layer says about itself.
+    /// The header of the layer.
     pub fn header(&self) -> &ImageryHeader {
         &self.header
     }
@@ -66,8 +68,9 @@ impl ImageryLayer {
         self.index.tiles_of(&self.input, level)
     }
 
-    /// Visits every tile, parents before children, children along the Hilbert curve: tiles of one level come in storage
-    /// order. Fails if the tiles are not as many, or do not fill their section, as the file says.
+    /// Visits every tile, parents before children, children along the Hilbert curve: tiles of one
+    /// level come in storage order. Fails if the number of tiles is not the one stated, or their
+    /// chunks do not fill their section.
     pub fn walk(&self, visit: &mut dyn FnMut(&ImageryEntry) -> Result<()>) -> Result<()> {
         self.index.walk(&self.input, visit)
     }
@@ -80,7 +83,7 @@ impl ImageryLayer {
             .map_err(|error| in_tile(id, error).at(&self.input.path))
     }
 
-    /// The chunks of a tile as stored, held against their CRCs.
+    /// The chunks of a tile as stored, checked against their CRCs.
     pub fn read_raw(&self, id: TileId) -> Result<ImageryChunks> {
         let absent =
             || Error::usage(format!("there is no imagery tile {id} in {}", self.input.path.display()));
@@ -101,21 +104,22 @@ impl ImageryLayer {
         Ok(ImageryChunks { colour, alpha, clear })
     }
 
-    /// The blocks of a tile of a GPU format, row by row, as a graphics card takes them. Fails for other codecs.
+    /// The blocks of a tile of a GPU format, row by row. Fails for other codecs.
     pub fn read_blocks(&self, id: TileId) -> Result<Vec<u8>> {
         let chunks = self.read_raw(id)?;
         imagery::unpack_blocks(&self.header.form(), &chunks.colour)
             .map_err(|error| in_tile(id, error).at(&self.input.path))
     }
 
-    /// A tile of a JPEG layer as a JPEG file, of another its colour chunk, which is a file of its own (WebP, PNG).
+    /// A tile as an image file: of a JPEG layer the whole JPEG, else the colour chunk, which is a
+    /// file (WebP, PNG).
     pub fn read_file(&self, id: TileId) -> Result<Vec<u8>> {
         let chunks = self.read_raw(id)?;
         Ok(self.tables.as_ref().map_or(chunks.colour.clone(), |tables| tables.file(&chunks.colour)))
     }
 }
 
-/// The section, wherever it stands.
+/// The bytes of the section, from `start` or from the file.
 fn read_header(input: &Input, start: &[u8], section: &SectionEntry) -> Result<Vec<u8>> {
     let most = ImageryHeader::max_bytes();
     if section.length > most {
@@ -129,7 +133,7 @@ fn read_header(input: &Input, start: &[u8], section: &SectionEntry) -> Result<Ve
     Ok(bytes)
 }
 
-/// An error of the codec, with the tile it concerns.
+/// Adds the tile to an error of the codec.
 fn in_tile(id: TileId, mut error: Error) -> Error {
     if let Error::Format { place, .. } = &mut error {
         *place = format!("imagery tile {id}, {place}");

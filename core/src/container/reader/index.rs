@@ -1,7 +1,8 @@
-//! One layer's index: rows looked up and walked through, pages read when they are asked for.
+//! One layer's index: look-up of rows, and walks through them; pages are read on demand.
 //!
-//! A walk goes depth first, children along the Hilbert curve: so the tiles of every level come in storage order. It ends with an
-//! error as soon as it has seen more tiles, or more bytes of chunks, than the file can hold; its time is bounded.
+//! A walk goes depth first, children along the Hilbert curve: so the tiles of every level come in
+//! storage order. It ends with an error as soon as it has seen more tiles, or more bytes of chunks,
+//! than the file can hold; its time is bounded.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -16,14 +17,15 @@ use crate::limits::Limits;
 use crate::read_at::ReadAt;
 use crate::tile::TileId;
 
-/// The bytes of the file, and what to call it.
+/// The bytes of the file, and its name for errors.
 pub(super) struct Input {
     pub path: PathBuf,
     pub bytes: Box<dyn ReadAt>,
 }
 
 impl Input {
-    /// Bytes of the file. The caller has held offset and length against the file and a limit.
+    /// Reads bytes of the file. The caller has checked offset and length against the file and a
+    /// limit.
     pub fn read(&self, offset: u64, length: u64, what: &str) -> Result<Vec<u8>> {
         let mut bytes = vec![0; length as usize];
         self.read_into(&mut bytes, offset, what)?;
@@ -39,7 +41,7 @@ impl Input {
     }
 }
 
-/// A page and where it stands in the pages section; `None` for the root page.
+/// A page, and its place in the pages section (`None` for the root page).
 struct Loaded<R> {
     page: IndexPage<R>,
     offset: Option<u64>,
@@ -60,7 +62,8 @@ pub(super) struct Index<T, R> {
 }
 
 impl<T: Quadtree, R: Row> Index<T, R> {
-    /// The index whose root page is stored as `root`; `cache` is the bytes of other pages to keep.
+    /// The index whose root page is stored as `root`; `cache` is how many bytes of other pages to
+    /// cache.
     pub fn new(
         root: &[u8],
         tree: T,
@@ -99,8 +102,8 @@ impl<T: Quadtree, R: Row> Index<T, R> {
         }
     }
 
-    /// The page that begins with tile `root`, from the cache or the file; `before` is where the page stands that
-    /// refers to it.
+    /// The page that begins with tile `root`, from the cache or the file; `before` is the place of
+    /// the page that refers to it.
     fn page(
         &self,
         input: &Input,
@@ -132,8 +135,9 @@ impl<T: Quadtree, R: Row> Index<T, R> {
         Ok(page)
     }
 
-    /// Visits every tile, parents before children, children along the Hilbert curve: tiles of one level come in storage
-    /// order. Fails if the tiles are not as many, or do not fill their section, as the file says.
+    /// Visits every tile, parents before children, children along the Hilbert curve: tiles of one
+    /// level come in storage order. Fails if the number of tiles is not the one stated, or their
+    /// chunks do not fill their section.
     pub fn walk(&self, input: &Input, visit: &mut dyn FnMut(&R) -> Result<()>) -> Result<()> {
         let (mut tiles, mut bytes) = (0, 0);
         let mut count = |entry: &R| {
@@ -161,7 +165,8 @@ impl<T: Quadtree, R: Row> Index<T, R> {
         Ok(ids)
     }
 
-    /// Columns of the existing tiles of one row of a level, from west to east: only what leads there is read.
+    /// Columns of the existing tiles of one row of a level, from west to east. Only pages on the
+    /// way to that row are read.
     pub fn row(&self, input: &Input, level: u8, y: u32) -> Result<Vec<u32>> {
         let mut columns = Vec::new();
         self.row_from(input, TileId::ROOT, &self.root, (level, y), &mut columns)?;
@@ -169,7 +174,8 @@ impl<T: Quadtree, R: Row> Index<T, R> {
         Ok(columns)
     }
 
-    /// The row of a tile on the way down, and the page that it stands in: `page`, or the one below, which `below` keeps.
+    /// The row of a tile on the way down, and its page: `page`, or the page below, which is kept in
+    /// `below`.
     fn step<'a>(
         &self,
         input: &Input,
@@ -206,7 +212,7 @@ impl<T: Quadtree, R: Row> Index<T, R> {
         children.try_for_each(|child| self.row_from(input, child, page, (level, y), columns))
     }
 
-    /// Fails if a walk has seen more than there is, or, at its end, not all of it.
+    /// Fails if a walk has seen more tiles or bytes than the file has, or, at its end, fewer.
     fn check_counts(&self, input: &Input, tiles: u64, bytes: u64, end: bool) -> Result<()> {
         let counts = [
             ("tiles in the index", tiles, self.count),
@@ -252,7 +258,8 @@ fn unpack<R: Row>(
     IndexPage::decode(&bytes, root, tree)
 }
 
-/// Fails if a chunk or page that a page tells of lies outside its section, or is longer than one can be.
+/// Fails if a chunk or page that a page refers to lies outside its section, or is longer than
+/// allowed.
 fn check<R: Row>(
     page: &IndexPage<R>,
     tree: &impl Quadtree,

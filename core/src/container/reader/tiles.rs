@@ -1,27 +1,28 @@
-//! Tiles from their chunks.
+//! The tiles of a reader, decoded from their chunks.
 //!
-//! What a thread needs for it (the chunks, the buffers of the codec, the memory of tiles that have gone) is used again from tile to tile.
+//! The scratch memory of a thread, and the memory of evicted tiles, are used again from tile to
+//! tile.
 
 use std::sync::{Arc, PoisonError};
 
 use super::{Reader, check_crc};
+use crate::codec;
 use crate::codec::mask::Occupancy;
-use crate::codec::{self, Scratch};
 use crate::container::directory::{ChunkKind, TileEntry};
 use crate::error::Result;
 use crate::sample::{Coding, Lattice};
 use crate::tile::TileId;
 
-/// Buffers of one thread.
+/// Scratch memory of one thread: the chunks of a tile, and what their decoding needs.
 #[derive(Default)]
-pub(super) struct Desk {
+pub(super) struct Scratch {
     chunks: Vec<u8>,
-    scratch: Scratch,
+    codec: codec::Scratch,
 }
 
 impl Reader {
-    /// The samples of a tile. Ancestors that are not at hand are decoded first and kept: reading tiles depth first
-    /// decodes none twice.
+    /// The samples of a tile. Ancestors that are not in the cache are decoded first and cached:
+    /// reading tiles depth first decodes none twice.
     pub fn read_tile(&self, id: TileId) -> Result<Arc<Lattice>> {
         if let Some(lattice) = self.lattices.find(id) {
             return Ok(lattice);
@@ -30,8 +31,9 @@ impl Reader {
         self.lattices.get(id, &|id, parent, out| self.decode_tile(id, parent, out))
     }
 
-    /// The samples of a tile, in place of what `out` has. The tile itself is not kept, its ancestors are: this is the way
-    /// to read tiles once each, such as all leaves, in memory of one's own. After an error `out` is not defined.
+    /// Reads the samples of a tile into `out`. The tile itself is not cached, its ancestors are:
+    /// use it to read many tiles once each, such as all leaves, in memory of your own. After an
+    /// error `out` is not defined.
     pub fn read_tile_into(&self, id: TileId, out: &mut Lattice) -> Result<()> {
         if let Some(lattice) = self.lattices.find(id) {
             out.n = lattice.n;
@@ -44,43 +46,43 @@ impl Reader {
         self.lattices.decode(id, &|id, parent, out| self.decode_tile(id, parent, out), out)
     }
 
-    /// Tiles decoded since the file was opened.
+    /// How many tiles have been decoded since the file was opened.
     pub fn decoded_tiles(&self) -> u64 {
         self.lattices.decoded()
     }
 
     fn decode_tile(&self, id: TileId, parent: Option<&Lattice>, out: &mut Lattice) -> Result<()> {
         let entry = self.existing(id)?;
-        let lock = || self.desks.lock().unwrap_or_else(PoisonError::into_inner);
-        let desk = lock().pop();
-        let mut desk = desk.unwrap_or_default();
-        let decoded = self.decode_at(&mut desk, &entry, parent, out);
-        lock().push(desk);
+        let lock = || self.pool.lock().unwrap_or_else(PoisonError::into_inner);
+        let scratch = lock().pop();
+        let mut scratch = scratch.unwrap_or_default();
+        let decoded = self.decode_at(&mut scratch, &entry, parent, out);
+        lock().push(scratch);
         decoded
     }
 
     fn decode_at(
         &self,
-        desk: &mut Desk,
+        scratch: &mut Scratch,
         entry: &TileEntry,
         parent: Option<&Lattice>,
         out: &mut Lattice,
     ) -> Result<()> {
         let coding = self.header().coding;
         let (heights, mask) =
-            self.heights_and_mask(entry, &mut desk.chunks).map_err(|error| error.at(self.path()))?;
+            self.heights_and_mask(entry, &mut scratch.chunks).map_err(|error| error.at(self.path()))?;
         shape(out, self.header().tile() as usize, coding);
         if let Some(parent) = parent {
             copy_even(parent, entry.id, out);
         }
         let occupancy = Occupancy { has_valid: entry.has_valid, has_void: entry.has_void };
-        let (root, scratch) = (parent.is_none(), &mut desk.scratch);
+        let (root, scratch) = (parent.is_none(), &mut scratch.codec);
         codec::mask::decode(mask, occupancy, out, root, scratch)
             .and_then(|()| codec::height::decode(heights, out, coding, root, scratch))
             .map_err(|error| self.in_tile(entry.id, error))
     }
 
-    /// Two chunks that stand side by side, each held against its CRC.
+    /// The heights and mask chunks, which are stored side by side, each checked against its CRC.
     fn heights_and_mask<'a>(
         &self,
         entry: &TileEntry,
@@ -104,7 +106,7 @@ impl Reader {
     }
 }
 
-/// Makes a lattice as large as a tile. What it had stays: a decoder writes every sample.
+/// Gives a lattice the size of a tile. It may keep old samples: a decoder writes every one.
 fn shape(lattice: &mut Lattice, n: usize, coding: Coding) {
     let count = (n + 1) * (n + 1);
     let lows = if coding.has_low() { count } else { 0 };
@@ -113,7 +115,7 @@ fn shape(lattice: &mut Lattice, n: usize, coding: Coding) {
     }
 }
 
-/// Samples of even column and row are the parent's.
+/// Copies the samples of even column and row from the parent.
 fn copy_even(parent: &Lattice, id: TileId, lattice: &mut Lattice) {
     let half = lattice.n / 2;
     let (left, top) = ((id.x & 1) as usize * half, (id.y & 1) as usize * half);
@@ -128,7 +130,8 @@ fn copy_even(parent: &Lattice, id: TileId, lattice: &mut Lattice) {
     }
 }
 
-/// Copies to every second place. Those between, which are decoded later, get the same: so whole vectors are stored.
+/// Copies to every second place. The places between, which are decoded later, get the same values,
+/// so that whole vectors can be stored.
 fn spread<T: Copy>(source: &[T], target: &mut [T]) {
     let (pairs, last) = target.as_chunks_mut::<2>();
     for (pair, &source) in pairs.iter_mut().zip(source) {

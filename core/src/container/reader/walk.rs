@@ -6,8 +6,9 @@ use crate::error::Result;
 use crate::tile::TileId;
 
 impl Reader {
-    /// Visits every tile, parents before children, children along the Hilbert curve: tiles of one level come in storage
-    /// order. Fails if the tiles are not as many, or do not fill their section, as the file says.
+    /// Visits every tile, parents before children, children along the Hilbert curve: tiles of one
+    /// level come in storage order. Fails if the number of tiles is not the one stated, or their
+    /// chunks do not fill their section.
     pub fn walk(&self, visit: &mut dyn FnMut(&TileEntry) -> Result<()>) -> Result<()> {
         self.index.walk(&self.input, visit)
     }
@@ -17,7 +18,8 @@ impl Reader {
         self.index.tiles_of(&self.input, level)
     }
 
-    /// Columns of the existing tiles of one row of a level, from west to east: only what leads there is read.
+    /// Columns of the existing tiles of one row of a level, from west to east. Only pages on the
+    /// way to that row are read.
     pub fn row(&self, level: u8, y: u32) -> Result<Vec<u32>> {
         self.index.row(&self.input, level, y)
     }
