@@ -1,17 +1,19 @@
-//! Which tile of imagery lies on which tile of terrain (papers 000, section 3.3, and 001, section 3.2).
+//! The tiles of imagery that lie on the tiles of terrain (papers 000, section 3.3, and 001, section
+//! 3.2).
 //!
-//! Both quadtrees span the same root square. One image may lie on many tiles (n-1), on one (1-1), or many on one (1-n): then
-//! the tile is drawn once for each, as *virtual tiles* over the same heights.
+//! Both quadtrees span the same root square. One image may lie on many tiles (n-1), on one (1-1),
+//! or many on one (1-n): then the tile is drawn once for each, as *virtual tiles* over the same
+//! heights.
 
-use super::traverse::{Chosen, Selection};
+use super::selection::{Chosen, Selection};
 use super::view::{Box3, Frame, View};
 use crate::tile::TileId;
 
-/// What selection may know of an imagery layer.
+/// The tiles of an imagery layer as selection sees them.
 pub trait Images {
     /// Bits of the children that exist; `None` if the tile does not exist or is not known.
     fn children(&self, id: TileId) -> Option<u8>;
-    /// True if it can be drawn now.
+    /// True if the tile is loaded and can be drawn.
     fn ready(&self, id: TileId) -> bool;
 }
 
@@ -20,19 +22,20 @@ pub trait Images {
 pub struct Draw {
     /// Index in [`Selection::tiles`].
     pub tile: u32,
-    /// West, north, east, south in intervals of the tile, `0..=T`. Every point of the tile is in one window: patches that
-    /// meet several are drawn for each, and show fragments of their own window only.
+    /// West, north, east, south in intervals of the tile, `0..=T`. Every point of the tile is in
+    /// one window: patches that meet several are drawn for each, and show fragments of their own
+    /// window only.
     pub window: [u32; 4],
-    /// The image; its square holds the window. `None`: none is there.
+    /// The image; its square holds the window. `None`: no image is loaded there.
     pub image: Option<TileId>,
 }
 
 /// An image that is not loaded and would be used if it were.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WantedImage {
-    /// Which.
+    /// The image.
     pub id: TileId,
-    /// Screen pixels of one texel of what is drawn for want of it.
+    /// Screen pixels of one texel of the image drawn in its place.
     pub priority: f64,
 }
 
@@ -43,7 +46,7 @@ pub struct Layer<'a> {
     pub images: &'a dyn Images,
     /// Texels along a side of an image, gutters not counted.
     pub texels: u32,
-    /// Pixels on the screen that a texel may have (papers: 1.5).
+    /// Most screen pixels of a texel (1.5 in the papers).
     pub magnification: f64,
 }
 
@@ -56,8 +59,9 @@ impl std::fmt::Debug for Layer<'_> {
     }
 }
 
-/// Lays images on the tiles of a selection: on every place the coarsest whose texels are small enough on the screen, or the finest
-/// that is loaded. Without a layer there is one draw for each tile. What is wanted comes the most urgent first, each once.
+/// Lays images on the tiles of a selection: everywhere the coarsest image whose texels are small
+/// enough on the screen, or the finest that is loaded. Without a layer there is one draw for each
+/// tile. Wanted images come the most urgent first, each once.
 pub fn assign(
     selection: &Selection,
     layer: Option<Layer<'_>>,
@@ -86,7 +90,7 @@ struct Laying<'a> {
     wanted: Vec<WantedImage>,
 }
 
-/// The part of a drawn tile that an image is looked for.
+/// A part of a drawn tile for which an image is chosen.
 #[derive(Clone, Copy)]
 struct Part<'a> {
     tile: u32,
@@ -99,7 +103,8 @@ impl Laying<'_> {
         let side = 1_u32 << self.tile_log2;
         let part = Part { tile, chosen, window: [0, 0, side, side] };
         let Some(layer) = self.layer else { return self.draw(part, None) };
-        // From the root of the images down to the one as large as the tile; then on, with parts of the tile.
+        // From the root of the images down to the one as large as the tile; then on, with parts of
+        // the tile.
         let mut image = TileId::ROOT;
         let mut best = None;
         while layer.images.children(image).is_some() {
@@ -130,13 +135,14 @@ impl Laying<'_> {
         self.draw(part, best);
     }
 
-    /// `image` covers the part and is too coarse: its children lie on quarters.
+    /// Lays the children of `image`, which covers the part and is too coarse, on the quadrants of
+    /// the part.
     fn parts(&mut self, part: Part<'_>, image: TileId, best: Option<TileId>) {
         let Some(layer) = self.layer else { return };
         let [west, north, east, _] = part.window;
         let half = (east - west) / 2;
         let children = layer.images.children(image).unwrap_or(0);
-        // An image smaller than an interval of the tile is of no use here.
+        // An image smaller than an interval of the tile is not used.
         if children == 0 || half == 0 {
             return self.draw(part, best);
         }
@@ -173,7 +179,7 @@ impl Laying<'_> {
         self.draws.push(Draw { tile: part.tile, window: part.window, image });
     }
 
-    /// Screen pixels of a texel of an image, at most, on a part of a tile.
+    /// Most screen pixels of a texel of an image on a part of a tile.
     fn pixels(&self, part: Part<'_>, image: TileId) -> f64 {
         let Some(layer) = self.layer else { return 0.0 };
         let chosen = part.chosen;
@@ -193,7 +199,8 @@ impl Laying<'_> {
             height(&chosen.table.low, f64::min),
             height(&chosen.table.high, f64::max),
         );
-        // The root square has as many samples at any level: those of this tile's level times its step.
+        // The root square has the same number of samples at each level: those of this tile's level
+        // times its step.
         let root = side * step * 2_f64.powi(chosen.id.level.into());
         let texel = root / (f64::from(layer.texels) * 2_f64.powi(image.level.into()));
         let metres = texel * self.frame.dx.max(self.frame.dy);

@@ -1,28 +1,31 @@
 //! The step of every patch and of every edge of a selection.
 //!
-//! Steps are counted as *exponents*: spacing `2^e` samples of the lattice, so `e = L - level + k` for step `k` of a tile. Exponents of
-//! different tiles compare.
+//! Steps are counted as *exponents*: spacing `2^e` samples of the lattice, so `e = L - level + k`
+//! for step `k` of a tile. Exponents of different tiles compare.
 //!
-//! [`EdgeRule::Shared`]: the base exponent of a patch is the greatest whose projected error is within the tolerance (of
-//! a patch that is not in the picture, the greatest there is). Then, in order,
-//! 1. no patch may be finer than a vertex of an edge allows: `least(patch) = max over its edges of max(limit(edge), greatest least of the edge's patches - 1)`,
-//!    to the fixed point, and `inner = max(base, least)`. It changes nothing once all tiles that selection wants are loaded;
-//! 2. patches of an edge differ by one at most: `inner(patch) = min(inner, 1 + least inner of the edge's patches)`, to the fixed point;
+//! [`EdgeRule::Shared`]: the base exponent of a patch is the greatest whose projected error is
+//! within the tolerance (of a patch outside the view, the greatest that exists). Then, in order,
+//! 1. no patch may be finer than its edges allow: `least(patch) = max over its edges of
+//!    max(limit(edge), greatest least of the edge's patches - 1)`, to the fixed point, and `inner =
+//!    max(base, least)`. It changes nothing once all tiles that selection wants are loaded;
+//! 2. patches of an edge differ by one at most: `inner(patch) = min(inner, 1 + least inner of the
+//!    edge's patches)`, to the fixed point;
 //! 3. an edge has the least `inner` of its patches.
 //!
-//! Each fixed point is reached after at most [`super::Selection::rounds`] rounds over all patches and edges: exponents of one selection
-//! differ by no more, and one round carries a bound one patch further.
+//! Each fixed point is reached after at most [`super::Selection::rounds`] rounds over all patches
+//! and edges: exponents of one selection differ by no more, and one round carries a bound one patch
+//! further.
 //!
-//! [`EdgeRule::Paper`]: `inner` is the base; an edge between patches of a tile has the least of the two, an edge at a side has
-//! the side's `limit`.
+//! [`EdgeRule::Paper`]: `inner` is the base; an edge between patches of a tile has the least of the
+//! two, an edge at a side has the side's `limit`.
 
 use super::neighbours::{edges_of_patch, edges_of_tile};
 use super::pattern::EdgeRule;
+use super::selection::{Chosen, Selection};
 use super::tile::TileTable;
-use super::traverse::{Chosen, Selection};
 use super::view::{Box3, Frame, View};
 
-/// Edges without a patch.
+/// The exponent of an edge without a patch.
 const NONE: u8 = u8::MAX;
 
 /// Steps of all patches and edges, as exponents.
@@ -58,7 +61,7 @@ impl Levels {
     }
 }
 
-/// Where patch `at` of a tile stands.
+/// The box of patch `at` of a tile.
 pub fn patch_box(table: &TileTable, exponent: u8, patch_log2: u8, frame: &Frame, at: usize) -> Box3 {
     let m = table.patches as usize;
     let side = f64::from(1_u32 << patch_log2) * f64::from(1_u32 << exponent);
@@ -84,11 +87,11 @@ pub(super) fn base_of_tile(
             if !table.drawable[at] || !space.is_inside(&planes) {
                 return tile.exponent + patch_log2;
             }
-            let reach = view.reach(&space);
+            let scale = view.pixel_scale(&space);
             let fits = |&k: &u8| {
                 let at = usize::from(k) * count + at;
                 let vertical = f64::from(table.vertical[at]) * frame.exaggeration;
-                reach.pixels(vertical, table.horizontal[at].into()) <= tolerance
+                scale.pixels(vertical, table.horizontal[at].into()) <= tolerance
             };
             tile.exponent + (1..=patch_log2).rev().find(fits).unwrap_or(0)
         })
@@ -97,7 +100,7 @@ pub(super) fn base_of_tile(
 
 /// The patches and edges of drawn tiles.
 pub(super) struct Net {
-    /// Edges of each patch: north, east, south, west.
+    /// Numbers of the edges of each patch: north, east, south, west.
     edges: Vec<[u32; 4]>,
     /// Least exponent of each edge, by edge number.
     limits: Vec<u8>,
@@ -106,7 +109,7 @@ pub(super) struct Net {
 }
 
 impl Net {
-    /// Of tiles with `m` patches on a side.
+    /// The net of tiles with `m` patches on a side.
     pub fn new(tiles: &[Chosen], m: u32) -> Self {
         let mut edges = Vec::with_capacity(tiles.len() * (m * m) as usize);
         let mut limits = vec![0; tiles.len() * edges_of_tile(m) as usize];
@@ -127,7 +130,7 @@ impl Net {
         self.limits.iter().enumerate().filter_map(below).collect()
     }
 
-    /// Base exponents, none below what the limits of edges leave.
+    /// Base exponents, raised to what the limits of the edges allow.
     fn coarsened(&self, mut inner: Vec<u8>) -> Vec<u8> {
         let mut edges = self.limits.clone();
         let mut least = vec![0_u8; inner.len()];
@@ -147,7 +150,8 @@ impl Net {
         inner
     }
 
-    /// Exponents of which no two at an edge differ by more than one.
+    /// Exponents lowered until no two at an edge differ by more than one, and the exponents of
+    /// edges.
     fn balanced(&self, mut inner: Vec<u8>) -> Levels {
         let mut edges = vec![NONE; self.limits.len()];
         for (numbers, &inner) in self.edges.iter().zip(&inner) {
@@ -170,10 +174,11 @@ impl Net {
         Levels { inner, edges }
     }
 
-    /// Papers 000 and 001.
+    /// The levels of [`EdgeRule::Paper`].
     fn paper(&self, inner: Vec<u8>) -> Levels {
         let (m, own) = (self.patches, edges_of_tile(self.patches));
-        // Both kinds of a tile's edges count lines 0..=m first: the first and the last line are sides.
+        // Both kinds of a tile's edges count lines 0..=m first: the first and the last line are
+        // sides.
         let is_side = |edge: u32| matches!(edge % own % (own / 2) / m, line if line == 0 || line == m);
         let mut edges = vec![NONE; self.limits.len()];
         for (numbers, &inner) in self.edges.iter().zip(&inner) {

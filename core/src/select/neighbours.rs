@@ -1,20 +1,22 @@
-//! Edges that drawn tiles share.
+//! The numbers of the edges that drawn tiles share.
 //!
-//! All drawn tiles have `m x m` patches. Tile `i` of a selection owns the edge numbers from `i * 2m(m + 1)` on: first the `m(m + 1)`
-//! edges that run west to east, edge (x, y) at `y * m + x`, `y` in `0..=m`; then those from north to south, at `m(m + 1) + x * m + y`,
-//! `x` in `0..=m`. Along a side that it shares with another drawn tile, both use the numbers of one of them: of
-//! the coarser, of the first in the selection if they are alike.
+//! All drawn tiles have `m x m` patches. Tile `i` of a selection owns the edge numbers from
+//! `i * 2m(m + 1)` on: first the `m(m + 1)` edges that run west to east, edge (x, y) at
+//! `y * m + x`, `y` in `0..=m`; then those from north to south, at `m(m + 1) + x * m + y`, `x` in
+//! `0..=m`. Along a side that it shares with another drawn tile, both use the numbers of one of
+//! them: of the coarser tile, or of the first in the selection if both are of one level.
 
 /// A side of a drawn tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Side {
     /// Number of the first edge of the owner's side.
     pub first: u32,
-    /// Which part of the owner's side this is, counted in tiles of this size.
+    /// Position of this side within the owner's side, counted in tiles of this size.
     pub local: u32,
     /// How many levels coarser the owner is; 0 if it is this tile or one of its level.
     pub shift: u8,
-    /// No edge of this side may have a step exponent below this: the coarser tile has no finer vertices.
+    /// No edge of this side may have a step exponent below this: the coarser tile has no finer
+    /// vertices.
     pub limit: u8,
 }
 
@@ -25,12 +27,13 @@ impl Side {
     }
 }
 
-/// Edges that a tile owns.
+/// How many edges a tile owns.
 pub fn edges_of_tile(m: u32) -> u32 {
     2 * m * (m + 1)
 }
 
-/// Numbers of the edges of patch (x, y): north, east, south, west. `tile` is the index in the selection.
+/// Numbers of the edges of patch (x, y): north, east, south, west. `tile` is the index in the
+/// selection.
 pub fn edges_of_patch(tile: u32, sides: &[Side; 4], m: u32, x: u32, y: u32) -> [u32; 4] {
     let base = tile * edges_of_tile(m);
     let across = |x: u32, y: u32| base + y * m + x;

@@ -1,22 +1,43 @@
-//! The triangles of a patch: index meshes that are built once, and which of them draw a patch of given inner and outer steps.
+//! The triangles of a patch: index meshes that are built once, and the choice of those that draw a
+//! patch of given inner and outer steps.
 //!
-//! A patch of P = 2^p intervals has (P + 1)^2 vertices, numbered row by row from the north-west: `y * (P + 1) + x`. Step `k` uses every
-//! `2^k`-th. A patch whose edges are all at its inner step is one uniform grid. Otherwise it is the grid without its outer
-//! ring of cells, and four *strips* of border cells; the corner cells are cut along their diagonals. A strip is stored for the north
-//! side; [`turned`] gives the others. Triangles run clockwise on the map (x east, y south), so they face up in a frame with z up.
+//! A patch of P = 2^p intervals has (P + 1)^2 vertices, numbered row by row from the north-west:
+//! `y * (P + 1) + x`. Step `k` uses every `2^k`-th. A patch whose edges are all at its inner step
+//! is one uniform grid. Otherwise it is the grid without its outer ring of cells, and four *strips*
+//! of border cells; the corner cells are cut along their diagonals. A strip is stored for the north
+//! side; [`turned`] gives the others. Triangles run clockwise on the map (x east, y south), so they
+//! face up in a frame with z up.
 //!
-//! [`EdgeRule::Shared`]: an outer step is the inner one or the next finer. Along a finer edge every border cell is cut by both diagonals at
-//! its centre, and the triangle at the edge once more: bisections of a 4-8 mesh (paper 002, section 3). A strip
-//! beside a strip that is cut like that shares the centre of the corner cell. [`EdgeRule::Paper`]: outer steps are free,
-//! as those of a hardware tessellator (paper 001, section 4); the ring is sewn to the border like a zip.
+//! ```text
+//! +---+---+---+---+     N  the strip of the north edge; E, S and W are strips turned by quarter turns
+//! |\ N| N | N |N /|     I  the interior: the cells that do not touch the border
+//! |W\ |   |   | /E|
+//! +---+---+---+---+     A cell of a strip beside a finer edge:
+//! | W | I | I | E |
+//! +---+---+---+---+     a--n--b
+//! | W | I | I | E |     |\ | /|     n  a vertex of the finer edge, in the middle of the side
+//! +---+---+---+---+     | \|/ |     m  the centre of the cell
+//! |W/ |   |   | \E|     |  m  |
+//! |/ S| S | S |S \|     | / \ |
+//! +---+---+---+---+     |/   \|
+//!                       +-----+
+//! ```
+//!
+//! [`EdgeRule::Shared`]: an outer step is the inner one or the next finer. Along a finer edge every
+//! border cell is cut by both diagonals at its centre, and the triangle at the edge once more:
+//! bisections of a 4-8 mesh (paper 002, section 3). A strip beside a strip that is cut like that
+//! shares the centre of the corner cell. [`EdgeRule::Paper`]: outer steps are free, as those of a
+//! hardware tessellator (paper 001, section 4); the ring is triangulated between both borders, like
+//! a zip.
 
-/// How the step of an edge that two patches share is chosen.
+/// The rule for the step of an edge that two patches share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum EdgeRule {
-    /// The finer of what the two sides need, which differ by one step at most.
+    /// The finer of the steps of both sides, which differ by at most one.
     #[default]
     Shared,
-    /// Papers 000 and 001: between patches of a tile the finer of the two; along a tile's edge all vertices of the coarser tile.
+    /// Papers 000 and 001: between patches of a tile the finer of the two; along a tile's edge all
+    /// vertices of the coarser tile.
     Paper,
 }
 
@@ -34,22 +55,23 @@ pub struct Mesh {
 pub struct Meshes {
     /// Binary logarithm of the patch size, `p`.
     pub patch_log2: u8,
-    /// By *bucket*; see [`Meshes::full`], [`Meshes::interior`], [`Meshes::strip`], [`Meshes::zip`]. Some are empty.
+    /// The meshes by *bucket*; see [`Meshes::full`], [`Meshes::interior`], [`Meshes::strip`],
+    /// [`Meshes::zip`]. Some are empty.
     pub buckets: Vec<Mesh>,
     /// Vertex numbers.
     pub indices: Vec<u16>,
 }
 
-/// A piece of a patch: a bucket, and how many quarter turns clockwise it is to be given.
+/// A piece of a patch: a bucket, and its rotation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Piece {
     /// Index into [`Meshes::buckets`].
     pub bucket: u32,
-    /// Quarter turns: 0 north, 1 east, 2 south, 3 west.
+    /// Quarter turns clockwise: 0 north, 1 east, 2 south, 3 west.
     pub turn: u8,
 }
 
-/// Where vertex (x, y) of a patch of `side` intervals comes to lie after `turn` quarter turns clockwise.
+/// Vertex (x, y) of a patch of `side` intervals after `turn` quarter turns clockwise.
 pub fn turned((x, y): (u32, u32), side: u32, turn: u8) -> (u32, u32) {
     match turn & 3 {
         0 => (x, y),
@@ -62,7 +84,8 @@ pub fn turned((x, y): (u32, u32), side: u32, turn: u8) -> (u32, u32) {
 type Corner = (u32, u32);
 
 impl Meshes {
-    /// All meshes of patches of `2^p` intervals, `p` in 2..=6. Bucket numbers depend on `p` alone; a shader computes them likewise.
+    /// All meshes of patches of `2^p` intervals, `p` in 2..=6. Bucket numbers depend on `p` alone;
+    /// a shader computes them in the same way.
     pub fn new(p: u8) -> Self {
         let mut meshes = Self { patch_log2: p, buckets: Vec::new(), indices: Vec::new() };
         for k in 0..=p {
@@ -92,7 +115,8 @@ impl Meshes {
         self.buckets.push(Mesh { first, count: self.indices.len() as u32 - first });
     }
 
-    /// Bucket of the whole patch at step `k`; `odd` matters for `k = p` only: the parity of patch column + row over the level.
+    /// Bucket of the whole patch at step `k`; `odd` matters for `k = p` only: the parity of patch
+    /// column + row over the level.
     pub fn full(p: u8, k: u8, odd: bool) -> u32 {
         u32::from(k) + u32::from(k == p && odd)
     }
@@ -102,19 +126,22 @@ impl Meshes {
         u32::from(p) + 2 + u32::from(k)
     }
 
-    /// Bucket of border cells at inner step `k`. Variant 4: the edge is one step finer. Variants 0..4: it is not; bit 0
-    /// says that the strip to the left (north side: the west one) is of variant 4, bit 1 the one to the right.
+    /// Bucket of border cells at inner step `k`. Variant 4: the edge is one step finer. Variants
+    /// 0..4: it is not; bit 0 says that the strip to the left (north side: the west one) is of
+    /// variant 4, bit 1 the one to the right.
     pub fn strip(p: u8, k: u8, variant: u8) -> u32 {
         2 * u32::from(p) + 3 + 5 * u32::from(k) + u32::from(variant)
     }
 
-    /// Bucket of border cells between inner step `inner`, below `p`, and outer step `outer`, sewn.
+    /// Bucket of the triangles between the inner cells at step `inner`, below `p`, and the border
+    /// at step `outer`.
     pub fn zip(p: u8, inner: u8, outer: u8) -> u32 {
         let p = u32::from(p);
         2 * p + 3 + 5 * (p + 1) + (p + 1) * u32::from(inner) + u32::from(outer)
     }
 
-    /// The pieces that draw a patch at step `inner` with edges at `outer` (north, east, south, west).
+    /// The pieces that draw a patch at step `inner` with edges at `outer` (north, east, south,
+    /// west).
     ///
     /// With [`EdgeRule::Shared`] outer steps are `inner` or `inner - 1`.
     pub fn pieces(
@@ -126,7 +153,7 @@ impl Meshes {
     ) -> impl Iterator<Item = Piece> {
         let (inner, outer) = (inner.min(p), outer.map(|k| k.min(p)));
         let whole = outer == [inner; 4];
-        // A sewn patch has at least two cells on a side, as a hardware tessellator's.
+        // A patch with a zip has at least two cells on a side, as with a hardware tessellator.
         let ring = if rule == EdgeRule::Paper { inner.min(p - 1) } else { inner };
         let finer = outer.map(|k| k < inner);
         let middle = Piece {
@@ -180,7 +207,8 @@ fn uniform(p: u8, k: u8, margin: u32, odd: bool) -> Vec<[Corner; 3]> {
     out
 }
 
-/// Border cells of the north side at inner step `k`, the corner cells down to their diagonals only.
+/// Border cells of the north side at inner step `k`; of the corner cells only the part above the
+/// diagonal.
 fn strip(p: u8, k: u8, variant: u8) -> Vec<[Corner; 3]> {
     let (s, cells) = (1_u32 << k, 1_u32 << (p - k));
     let half = s / 2;
@@ -229,7 +257,8 @@ fn strip(p: u8, k: u8, variant: u8) -> Vec<[Corner; 3]> {
     out
 }
 
-/// Between the border at step `outer` and the ring one cell of step `inner` inside, on the north side.
+/// Triangles between the northern border at step `outer` and the line one cell of step `inner`
+/// inside.
 fn zip(p: u8, inner: u8, outer: u8) -> Vec<[Corner; 3]> {
     let side = 1_u32 << p;
     let (s, t) = (1_u32 << inner, 1_u32 << outer);
@@ -237,8 +266,8 @@ fn zip(p: u8, inner: u8, outer: u8) -> Vec<[Corner; 3]> {
     let (mut border, mut ring) = (0, s);
     let end = side - s;
     while border < side || ring < end {
-        // The next triangle takes the side whose next vertex is nearer to the west; both middles decide, so that the
-        // strip is its own mirror image.
+        // The next triangle takes the side whose next vertex is nearer to the west; both middles
+        // decide, so that the strip is its own mirror image.
         let along_border = ring >= end || border < side && 2 * border + t <= 2 * ring + s;
         if along_border {
             out.push([(border, 0), (border + t, 0), (ring, s)]);
@@ -268,7 +297,8 @@ mod tests {
             .collect()
     }
 
-    /// Every edge of a triangle is the edge of exactly one other, the other way round, or lies on the border.
+    /// Every edge of a triangle is the edge of exactly one other, the other way round, or lies on
+    /// the border.
     fn conforms(triangles: &[[Corner; 3]], p: u8, outer: [u8; 4]) {
         let side = 1_u32 << p;
         let mut edges: BTreeMap<(Corner, Corner), i32> = BTreeMap::new();
@@ -331,7 +361,8 @@ mod tests {
         }
     }
 
-    /// Triangles of the shared rule are those of a 4-8 mesh: right and isosceles, of a uniform step or of half of one.
+    /// Triangles of the shared rule are those of a 4-8 mesh: right and isosceles, of a uniform step
+    /// or of half of one.
     #[test]
     fn the_shared_rule_draws_triangles_of_a_4_8_mesh() {
         for p in 2..=5_u8 {

@@ -1,6 +1,7 @@
-//! What selection and a renderer keep of a tile: its row of the index, its error table in metres of the frame, its heights.
+//! The parts of a tile that selection and a renderer keep: its row of the index, its error table in
+//! metres of the frame, its heights.
 
-use super::strips::{self, Covered, REACH, STEPS, Strips};
+use super::half_steps::{self, BorderCells, Covered, MAX_MISDRAW, STEPS};
 use super::view::Frame;
 use crate::codec::table::ErrorTable;
 use crate::container::{Header, TileEntry};
@@ -10,14 +11,14 @@ use crate::geo::{CrsKind, Geo};
 use crate::sample::{Coding, Lattice, SampleType, VALID};
 use crate::tile::TileId;
 
-/// What the index says about a tile, in metres of the frame.
+/// A tile's row of the index, in metres of the frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Node {
     /// Bit `q` is set if child `q` exists.
     pub children: u8,
     /// Vertical error at full resolution of the tile, metres, not exaggerated.
     pub vertical: f32,
-    /// Horizontal error likewise, in metres of the frame.
+    /// Horizontal error at full resolution, in metres of the frame.
     pub horizontal: f32,
     /// Lowest height, metres.
     pub low: f32,
@@ -26,10 +27,11 @@ pub struct Node {
 }
 
 impl Node {
-    /// Of a row of the index. Its errors are no smaller than those of any patch of the tile's [`TileTable`] at step 0.
+    /// The node of a row of the index. Its errors are no smaller than those of any patch of the
+    /// tile's [`TileTable`] at step 0.
     pub fn new(header: &Header, geo: &Geo, frame: &Frame, entry: &TileEntry) -> Self {
         let horizontal = f64::from(entry.horizontal_m());
-        // Half of the last bit that heights as f32 have.
+        // Half of the last bit of a height as f32.
         let rounding = f64::from(entry.min_m.abs().max(entry.max_m.abs())) * f64::from(f32::EPSILON) / 2.0;
         let vertical = f64::from(entry.vertical_m()) + if is_exact(header) { 0.0 } else { rounding };
         let scaled =
@@ -44,7 +46,7 @@ impl Node {
     }
 }
 
-/// True if heights in metres fit an f32.
+/// True if all heights in metres are exact as f32.
 fn is_exact(header: &Header) -> bool {
     let metres = header.band_scale == 1.0 && header.band_offset == 0.0 && header.unit_metres == 1.0;
     let small = match header.source_type {
@@ -54,14 +56,17 @@ fn is_exact(header: &Header) -> bool {
     metres && (small || header.coding == Coding::Float32)
 }
 
-/// Error tables of a loaded tile, covering every mesh that [`super::pattern`] draws with [`super::EdgeRule::Shared`].
+/// Error tables of a loaded tile, covering every mesh that [`super::pattern`] draws with
+/// [`super::EdgeRule::Shared`].
 ///
-/// They are those of the file, and where that is more: what half-step triangles add (from step 1 on), what heights lose as f32, and metres of
-/// the frame where the tile's own are longer. Around voids of a tile that is no leaf they are larger than need be: at some border cells
-/// nothing but the range of all heights below bounds what a half-step triangle hides, and `low` and `high` are that range.
+/// They are the errors of the file, enlarged by the errors of half-step triangles (from step 1 on),
+/// by the rounding of heights to f32, and where the metres of the frame are longer than those of
+/// the tile. Around voids of a tile that is not a leaf they are larger than necessary: at some
+/// border cells only the range of all heights below, `low` to `high`, bounds the part that a
+/// half-step triangle hides.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TileTable {
-    /// Which tile.
+    /// The tile.
     pub id: TileId,
     /// Patches on a side.
     pub patches: u32,
@@ -69,31 +74,33 @@ pub struct TileTable {
     pub steps: u32,
     /// Vertical errors in metres, by step, patch row, patch column; not exaggerated.
     pub vertical: Vec<f32>,
-    /// Horizontal errors in metres of the frame, likewise.
+    /// Horizontal errors in metres of the frame, in the same order.
     pub horizontal: Vec<f32>,
-    /// Lowest height of each patch in metres, of all that lies below it.
+    /// Lowest height, in metres, in or below each patch.
     pub low: Vec<f32>,
-    /// Greatest.
+    /// Greatest height, in metres, in or below each patch.
     pub high: Vec<f32>,
-    /// Patches that have a valid sample; the others are not drawn.
+    /// True for each patch with a valid sample; the others are not drawn.
     pub drawable: Vec<bool>,
 }
 
 /// A tile, ready to be uploaded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TileData {
-    /// What selection needs of it.
+    /// The table for selection.
     pub table: TileTable,
     /// Intervals on a side, T.
     pub n: u32,
-    /// Heights in metres, `(T + 1)^2`, row by row from the north-west; void samples have their fill.
+    /// Heights in metres, `(T + 1)^2`, row by row from the north-west; void samples have their
+    /// fill.
     pub heights: Vec<f32>,
     /// 1 where a sample is valid, 0 where it is void.
     pub valid: Vec<u8>,
 }
 
 impl TileData {
-    /// A decoded tile with its error table. Fails if the table or the lattice is not of this file's size.
+    /// The data of a decoded tile and its error table. Fails if the table or the lattice has not
+    /// the size of this file.
     pub fn new(
         header: &Header,
         geo: &Geo,
@@ -132,14 +139,14 @@ fn check(header: &Header, id: TileId, lattice: &Lattice, table: &ErrorTable) -> 
 pub(crate) struct Heights {
     /// In metres.
     pub metres: Vec<f32>,
-    /// 1 where valid.
+    /// 1 where a sample is valid.
     pub valid: Vec<u8>,
-    /// How far each height was moved to fit an f32; empty if none was.
+    /// How far each height was moved to fit an f32; empty if none was moved.
     moved: Vec<f32>,
 }
 
 impl Heights {
-    /// Of a decoded tile.
+    /// The heights of a decoded tile.
     pub fn new(header: &Header, entry: &TileEntry, lattice: &Lattice) -> Self {
         let (low, high) = (finite(entry.min_m), finite(entry.max_m).max(finite(entry.min_m)));
         let valid: Vec<u8> = lattice.state.iter().map(|&state| u8::from(state == VALID)).collect();
@@ -153,7 +160,8 @@ impl Heights {
                 let height = match exact as f32 {
                     height if valid != 0 => finite(height),
                     height if height.is_nan() => low,
-                    // All fills that are drawn lie within; what else a void sample decodes to means nothing.
+                    // Fills that are drawn lie in this range; the height of any other void sample
+                    // means nothing.
                     height => height.clamp(low, high),
                 };
                 differs |= exact != f64::from(height);
@@ -186,11 +194,11 @@ impl Heights {
         let leaf = entry.is_leaf();
         let quantised = header.metres(header.quantisation_error) - header.metres(0.0);
         let range = (f64::from(entry.min_m) - quantised.abs(), f64::from(entry.max_m) + quantised.abs());
-        let near = if leaf && holed { strips::near(&self.valid, n) } else { Vec::new() };
+        let near = if leaf && holed { half_steps::near(&self.valid, n) } else { Vec::new() };
         let odd = (entry.id.x ^ entry.id.y) & 1 != 0;
-        let strips = Strips { n, heights: &self.metres, valid: &self.valid, leaf, odd, range, near };
+        let border = BorderCells { n, heights: &self.metres, valid: &self.valid, leaf, odd, range, near };
         let scale = frame_scale(header, geo, frame, entry.id);
-        let reach = REACH * f64::from(header.spacing(entry.id.level)) * frame.dx.max(frame.dy);
+        let misdraw = MAX_MISDRAW * f64::from(header.spacing(entry.id.level)) * frame.dx.max(frame.dy);
         let count = m * m;
         let mut table = TileTable {
             id: entry.id,
@@ -218,14 +226,14 @@ impl Heights {
             for k in 0..steps {
                 let mut covered = Covered { vertical: own[k].max(vertical), outline: false };
                 if k > 0 {
-                    let patch = strips::Patch { start, side, mixed, errors: &own };
-                    covered = strips.step(&patch, k, covered.vertical);
+                    let patch = half_steps::Patch { start, side, mixed, errors: &own };
+                    covered = border.step(&patch, k, covered.vertical);
                 }
                 vertical = covered.vertical;
                 let misdrawn = metres(file.horizontal[k * count + patch]);
                 horizontal = horizontal.max(if misdrawn > 0.0 { misdrawn * scale } else { 0.0 });
                 if covered.outline {
-                    horizontal = horizontal.max(reach * f64::from(1_u32 << k));
+                    horizontal = horizontal.max(misdraw * f64::from(1_u32 << k));
                 }
                 table.vertical[k * count + patch] = round_up(vertical + f64::from(moved));
                 table.horizontal[k * count + patch] = round_up(horizontal);
@@ -236,7 +244,8 @@ impl Heights {
         table
     }
 
-    /// Range of the truth over a patch. Where it may be shown and the tile is not, only the range of all that is below is known.
+    /// Range of the full resolution over a patch. If `unknown`, the full resolution may be shown
+    /// where the tile is void, and only the range of all heights below the tile is known.
     fn range<'a>(
         &'a self,
         rows: impl Iterator<Item = std::ops::RangeInclusive<usize>> + 'a,
@@ -256,7 +265,7 @@ impl Heights {
     }
 }
 
-/// Metres of a code; a code that is none says nothing, so it is no bound.
+/// Metres of an error code; infinite for an invalid code, which bounds nothing.
 fn metres(code: u16) -> f64 {
     let metres = f64::from(metres_from_code(code));
     if metres.is_nan() { f64::INFINITY } else { metres }
@@ -272,9 +281,10 @@ fn round_up(value: f64) -> f32 {
     if f64::from(nearest) < value { nearest.next_up() } else { nearest }
 }
 
-/// Metres of the frame of a metre that the file measured in a tile or below it, at most.
+/// Greatest ratio of metres of the frame to metres that the file measured in a tile or below it.
 ///
-/// A displacement of i columns and j rows counts there with `hypot(i dx, j dy)` or more, for the spacing of some of its rows.
+/// The file measures a displacement of i columns and j rows as `hypot(i dx, j dy)` or more, for the
+/// spacing of some of its rows.
 fn frame_scale(header: &Header, geo: &Geo, frame: &Frame, id: TileId) -> f64 {
     let side = u64::from(header.tile()) * u64::from(header.spacing(id.level));
     let (left, top) = header.origin(id);
@@ -283,11 +293,11 @@ fn frame_scale(header: &Header, geo: &Geo, frame: &Frame, id: TileId) -> f64 {
         (first.min(last) as u32, (first + side).min(last) as u32)
     };
     let (dx, dy) = least_spacing(geo, span(left, header.width), span(top, header.height));
-    // Both are products of a few factors.
+    // The factor covers the rounding of both quotients.
     (frame.dx / dx).max(frame.dy / dy) * (1.0 + 1e-9)
 }
 
-/// Metres of a column and of a row where they are smallest: [`Geo::spacing`] is where they are largest.
+/// Metres of a column and of a row where they are smallest; [`Geo::spacing`] has the largest.
 fn least_spacing(geo: &Geo, columns: (u32, u32), rows: (u32, u32)) -> (f64, f64) {
     let [_, a, b, _, d, e] = geo.transform_or_identity();
     let (mut mx, mut my) = (geo.crs.unit, geo.crs.unit);

@@ -1,4 +1,4 @@
-//! Which tiles to draw: a cut of the quadtree, refined where the projected error is largest.
+//! The choice of tiles: a cut of the quadtree, refined where the projected error is largest.
 
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashMap};
@@ -7,87 +7,53 @@ use std::sync::Arc;
 use super::levels::{Net, base_of_tile};
 use super::neighbours::{self, Side};
 use super::pattern::EdgeRule;
+use super::selection::{Chosen, Selection, Wanted};
 use super::tile::{Node, TileTable};
 use super::view::{Box3, Frame, View};
 use crate::container::Header;
 use crate::tile::TileId;
 
-/// What selection may know: rows of the index, and tables of the tiles that are loaded.
+/// The tiles as selection sees them: rows of the index, and tables of the loaded tiles.
 pub trait Tiles {
     /// The file's header: sizes of tiles and patches, and the leaf level.
     fn header(&self) -> &Header;
-    /// The row of a tile; `None` if it does not exist, or is not known (the index page is not loaded). Rows of the children of a
-    /// loaded tile are known.
+    /// The row of a tile; `None` if the tile does not exist, or its row is not known because the
+    /// index page is not loaded. Rows of the children of a loaded tile must be known.
     fn node(&self, id: TileId) -> Option<Node>;
     /// The table of a tile that can be drawn now.
     fn table(&self, id: TileId) -> Option<Arc<TileTable>>;
 }
 
-/// What is asked for.
+/// The options of a selection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Pixels by which what is drawn may be off.
+    /// Largest projected error in pixels.
     pub tolerance: f64,
     /// How steps of shared edges are chosen.
     pub rule: EdgeRule,
-    /// Levels by which drawn tiles that share an edge may differ, at least 1. With [`EdgeRule::Shared`] it is 1 whatever is said here: then, and not
-    /// always otherwise, patches of every tile can differ by one step from their neighbours. With [`EdgeRule::Paper`] it is at most p.
+    /// Levels by which drawn tiles that share an edge may differ, at least 1. With
+    /// [`EdgeRule::Shared`] 1 is used in any case: only then can the patches of every tile differ
+    /// from their neighbours by one step. With [`EdgeRule::Paper`] it is at most p.
     pub imbalance: u8,
-    /// Tiles that may be drawn; refinement ends there, the largest projected errors first.
+    /// Most tiles that may be drawn. Refinement takes the largest projected errors first and ends
+    /// there.
     pub max_tiles: usize,
 }
 
 impl Default for Options {
-    /// One pixel, as many tiles as it takes.
+    /// A tolerance of one pixel, any number of tiles.
     fn default() -> Self {
         Self { tolerance: 1.0, rule: EdgeRule::Shared, imbalance: 1, max_tiles: usize::MAX }
     }
 }
 
-/// A tile that is not loaded and would be drawn if it were.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wanted {
-    /// Which.
-    pub id: TileId,
-    /// Projected error in pixels of what is drawn for want of it.
-    pub priority: f64,
-}
-
-/// A tile to draw.
-#[derive(Clone, Debug)]
-pub struct Chosen {
-    /// Which.
-    pub id: TileId,
-    /// Exponent of its lattice: its samples are `2^exponent` samples of the raster apart.
-    pub exponent: u8,
-    /// North, east, south, west.
-    pub sides: [Side; 4],
-    /// Its errors.
-    pub table: Arc<TileTable>,
-}
-
-/// What to draw.
-#[derive(Clone, Debug, Default)]
-pub struct Selection {
-    /// Tiles, coarse ones first, row by row: a cut of the quadtree, without the tiles that are not in the picture.
-    pub tiles: Vec<Chosen>,
-    /// Patches along the side of a tile, `m`.
-    pub patches: u32,
-    /// `p`: step exponents of a tile are `exponent..=exponent + p`.
-    pub patch_log2: u8,
-    /// Bound on the rounds of [`super::levels`].
-    pub rounds: u32,
-    /// What is missing, the most urgent first.
-    pub wanted: Vec<Wanted>,
-    /// Largest projected error in pixels of a tile at its full resolution: above the tolerance while tiles are wanted.
-    pub promised: f64,
-}
-
-/// Chooses tiles: from the root down, the one with the largest projected error first, until all are within the tolerance.
+/// Chooses tiles: from the root down, the one with the largest projected error first, until all are
+/// within the tolerance.
 ///
-/// A tile is drawn in place of its children unless all of them that are in the picture are loaded. A tile is split only
-/// together with coarser neighbours, as `imbalance` asks, and with [`EdgeRule::Shared`] a tile is split too if a neighbour's patches need finer
-/// vertices on the common edge than it has.
+/// A tile is drawn in place of its children unless all of them that are in the view are loaded. A
+/// tile is split only together with coarser neighbours, as `imbalance` asks, and with
+/// [`EdgeRule::Shared`] a tile is split too if a neighbour's patches need finer vertices on the
+/// common edge than it has.
 pub fn select(tiles: &impl Tiles, frame: &Frame, view: &View, options: &Options) -> Selection {
     let header = tiles.header();
     let imbalance = match options.rule {
@@ -118,7 +84,7 @@ struct Leaf {
     table: Arc<TileTable>,
     /// Projected error at full resolution.
     error: f64,
-    /// Base exponents of its patches, once they are asked for.
+    /// Base exponents of its patches; empty until they are needed.
     base: Vec<u8>,
 }
 
@@ -128,7 +94,7 @@ struct Cut<'a, T> {
     view: &'a View,
     options: Options,
     planes: [([f64; 3], f64); 5],
-    /// Those in the picture.
+    /// The tiles of the cut that are in the view.
     leaves: HashMap<TileId, Leaf>,
     wanted: HashMap<TileId, f64>,
     queue: BinaryHeap<Queued>,
@@ -160,7 +126,7 @@ impl<T: Tiles> Cut<'_, T> {
         self.tiles.header()
     }
 
-    /// Where a tile stands, with everything below it.
+    /// The box of a tile, with everything below it.
     fn space(&self, id: TileId, node: &Node) -> Box3 {
         let side = f64::from(self.header().tile()) * f64::from(self.header().spacing(id.level));
         let (left, top) = (f64::from(id.x) * side, f64::from(id.y) * side);
@@ -195,7 +161,7 @@ impl<T: Tiles> Cut<'_, T> {
         *known = known.max(priority);
     }
 
-    /// Splits what is above the tolerance.
+    /// Splits the tiles above the tolerance.
     fn refine(&mut self) {
         while let Some(Queued { error, id }) = self.queue.pop() {
             if self.leaves.contains_key(&id) {
@@ -204,15 +170,16 @@ impl<T: Tiles> Cut<'_, T> {
         }
     }
 
-    /// Puts the children of a leaf in its place, after those of its neighbours that would be too coarse. False if
-    /// something is missing for that; then the leaf stays.
+    /// Replaces a leaf by its children, after the neighbours that would be too coarse. Returns
+    /// false, and keeps the leaf, if something that this needs is not loaded.
     fn split(&mut self, id: TileId, urgency: f64) -> bool {
         let Some(leaf) = self.leaves.get(&id) else { return false };
         let (node, urgency) = (leaf.node, urgency.max(leaf.error));
         if node.children == 0 {
             return false;
         }
-        // What is wanted will be drawn: where there is no room for the children, they are not wanted either.
+        // Wanted tiles will be drawn: children that would exceed the number of tiles are not wanted
+        // either.
         let inside = |child: &TileId| {
             self.tiles.node(*child).is_none_or(|row| self.space(*child, &row).is_inside(&self.planes))
         };
@@ -300,7 +267,8 @@ impl<T: Tiles> Cut<'_, T> {
                 if !self.leaves.contains_key(&id) || stuck.contains(&id) {
                     continue;
                 }
-                // What is seen of it is at most about the tolerance; whatever is above comes first.
+                // Its projected error is at most about the tolerance; tiles above the tolerance
+                // come first.
                 if self.split(id, self.options.tolerance) {
                     changed = true;
                 } else {
@@ -310,7 +278,8 @@ impl<T: Tiles> Cut<'_, T> {
             if !changed {
                 return;
             }
-            // A child of a split tile may be above the tolerance itself: its error is not that of its patches at the edge.
+            // A child of a split tile may be above the tolerance itself: its error is not that of
+            // its patches at the edge.
             self.refine();
         }
     }

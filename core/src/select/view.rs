@@ -1,11 +1,13 @@
-//! Where things are, and how large an error is on the screen.
+//! The frame, the camera, and the size of errors on the screen.
 
 use crate::container::{Header, Reader};
 use crate::geo::Geo;
 
-/// The flat frame that is drawn, in metres: x east, y north, z up, the origin at sample (0, 0), height 0.
+/// The flat coordinate frame of drawing, in metres: x east, y north, z up, the origin at sample (0,
+/// 0), height 0.
 ///
-/// A sample (column, row) stands at `(column * dx, -row * dy, height * exaggeration)`: one spacing for the whole raster.
+/// Sample (column, row) is at `(column * dx, -row * dy, height * exaggeration)`: one spacing for
+/// the whole raster.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
     /// Metres from one column to the next.
@@ -26,7 +28,7 @@ impl Frame {
     pub fn new(header: &Header, geo: &Geo) -> Self {
         let (column, row) = (header.width / 2, header.height / 2);
         let spacing = geo.spacing((column, column), (row, row));
-        // Where the raster's middle is a pole or the spacing is not a number, a square one keeps the picture finite.
+        // At a pole, or if the spacing is not a number, a square spacing keeps the view finite.
         let good = |metres: f64| metres.is_finite() && metres > 0.0;
         let or = |metres: f64, other: f64| {
             if good(metres) {
@@ -40,12 +42,12 @@ impl Frame {
         Self { dx: or(spacing.dx, spacing.dy), dy: or(spacing.dy, spacing.dx), exaggeration: 1.0 }
     }
 
-    /// Where a point of the lattice stands, `height` in metres.
+    /// The position of a point of the lattice, `height` in metres.
     pub fn position(&self, column: f64, row: f64, height: f64) -> [f64; 3] {
         [column * self.dx, -row * self.dy, height * self.exaggeration]
     }
 
-    /// Column, row and height of a place of the frame.
+    /// Column, row and height of a position.
     pub fn lattice(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         [x / self.dx, -y / self.dy, z / self.exaggeration]
     }
@@ -56,12 +58,13 @@ impl Frame {
 pub struct Box3 {
     /// Least coordinates.
     pub low: [f64; 3],
-    /// Greatest.
+    /// Greatest coordinates.
     pub high: [f64; 3],
 }
 
 impl Box3 {
-    /// Over the samples from `(left, top)`, `side` intervals wide, with heights in metres.
+    /// The box over the square of `side` intervals from sample `(left, top)`, with heights in
+    /// metres.
     pub fn of_square(frame: &Frame, left: f64, top: f64, side: f64, low: f64, high: f64) -> Self {
         let north_west = frame.position(left, top, low);
         let south_east = frame.position(left + side, top + side, high);
@@ -77,7 +80,7 @@ impl Box3 {
         (outside(0).powi(2) + outside(1).powi(2) + outside(2).powi(2)).sqrt()
     }
 
-    /// False if the whole box is outside of one of the planes, as [`View::planes`] gives them.
+    /// False if the whole box is outside one of the planes of [`View::planes`].
     pub fn is_inside(&self, planes: &[([f64; 3], f64)]) -> bool {
         planes.iter().all(|&([a, b, c], d)| {
             let far = |i: usize, n: f64| if n > 0.0 { self.high[i] } else { self.low[i] };
@@ -96,23 +99,23 @@ impl Box3 {
 /// A perspective camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// Where it stands, in the frame.
+    /// Its position in the frame.
     pub eye: [f64; 3],
-    /// Unit vector to the right of the picture.
+    /// Unit vector to the right of the image.
     pub right: [f64; 3],
-    /// Unit vector to the top of the picture.
+    /// Unit vector to the top of the image.
     pub up: [f64; 3],
-    /// Unit vector into the picture.
+    /// Unit vector of the viewing direction.
     pub forward: [f64; 3],
     /// Tangent of half the horizontal field of view.
     pub tan_x: f64,
     /// Tangent of half the vertical field of view.
     pub tan_y: f64,
-    /// Pixels across the picture.
+    /// Width of the image in pixels.
     pub width: u32,
-    /// Pixels down the picture.
+    /// Height of the image in pixels.
     pub height: u32,
-    /// Metres to the near plane; what is nearer is not drawn. Above 0.
+    /// Metres to the near plane, above 0; nearer points are not drawn.
     pub near: f64,
 }
 
@@ -130,8 +133,8 @@ fn unit(a: [f64; 3]) -> Option<[f64; 3]> {
 }
 
 impl View {
-    /// A camera at `eye` that looks at `target` with the frame's z upwards (north, if it looks straight up or down);
-    /// `fov_y` is the vertical field of view in radians.
+    /// A camera at `eye` that looks at `target` with the frame's z upwards (north, if it looks
+    /// straight up or down); `fov_y` is the vertical field of view in radians.
     pub fn look_at(
         eye: [f64; 3],
         target: [f64; 3],
@@ -160,7 +163,7 @@ impl View {
         [dot(d, self.right), dot(d, self.up), dot(d, self.forward)]
     }
 
-    /// Where a point is on the screen, in pixels from the top left corner; `None` if it is nearer than the near plane.
+    /// The pixel of a point, from the top left corner; `None` if it is nearer than the near plane.
     pub fn pixel(&self, p: [f64; 3]) -> Option<[f64; 2]> {
         let [x, y, z] = self.relative(p);
         let lambda = self.lambda();
@@ -169,12 +172,13 @@ impl View {
         })
     }
 
-    /// False if the whole box is outside of the picture (beyond one of its sides, or nearer than the near plane).
+    /// False if the whole box is outside one side of the view, or nearer than the near plane.
     pub fn sees(&self, space: &Box3) -> bool {
         space.is_inside(&self.planes())
     }
 
-    /// The planes of the picture's sides (right, left, top, bottom) and the near plane: `n p + d >= 0` inside.
+    /// The planes of the sides of the view (right, left, top, bottom) and the near plane:
+    /// `n p + d >= 0` inside.
     pub fn planes(&self) -> [([f64; 3], f64); 5] {
         let side = |axis: [f64; 3], tan: f64| -> [f64; 3] {
             std::array::from_fn(|i| self.forward[i] * tan - axis[i])
@@ -190,20 +194,21 @@ impl View {
         [a, b, c, d, (self.forward, -dot(self.forward, self.eye) - self.near)]
     }
 
-    /// The most pixels by which errors can move a point of a box on the screen: see [`Reach`]. `vertical` is exaggerated.
+    /// The most pixels by which errors can move a point of a box on the screen: see [`PixelScale`].
+    /// `vertical` is exaggerated.
     pub fn projected(&self, space: &Box3, vertical: f64, horizontal: f64) -> f64 {
-        self.reach(space).pixels(vertical, horizontal)
+        self.pixel_scale(space).pixels(vertical, horizontal)
     }
 
-    /// How near a box comes to the eye, and how much of an error in it is seen.
-    pub fn reach(&self, space: &Box3) -> Reach {
+    /// The scale from metres of error to pixels for a box.
+    pub fn pixel_scale(&self, space: &Box3) -> PixelScale {
         let corners = space.corners().map(|corner| self.relative(corner));
         let least = corners.iter().fold(f64::INFINITY, |least, q| least.min(q[2]));
-        // The tangents of what is in the picture: x / z and y / z, from the least to the greatest.
+        // The ranges of the tangents x / z and y / z in the view.
         let mut tangents = [[-self.tan_x, self.tan_x], [-self.tan_y, self.tan_y]];
         let mut rho2 = self.tan_x.powi(2) + self.tan_y.powi(2);
         if least > 0.0 {
-            // Those of a convex body in front of the eye are greatest and least at its corners.
+            // The tangents of a convex body in front of the eye have their extremes at its corners.
             let of_box = corners.iter().map(|q| [q[0] / q[2], q[1] / q[2]]);
             rho2 = rho2.min(of_box.clone().map(|[x, y]| x * x + y * y).fold(0.0, f64::max));
             for (axis, ends) in tangents.iter_mut().enumerate() {
@@ -215,11 +220,11 @@ impl View {
             }
         }
         let (z_x, z_y, z_z) = (self.right[2], self.up[2], self.forward[2]);
-        // Convex in either tangent: greatest at an end.
+        // The function is convex in either tangent: greatest at an end.
         let along =
             |z: f64, ends: [f64; 2]| ends.map(|t| (z - t * z_z).abs()).into_iter().fold(0.0, f64::max);
         let stretch = (1.0 + rho2).sqrt();
-        Reach {
+        PixelScale {
             depth: least.max(self.near).max(space.distance(self.eye) / stretch),
             vertical: along(z_x, tangents[0]).hypot(along(z_y, tangents[1])).min(stretch),
             horizontal: stretch,
@@ -228,28 +233,31 @@ impl View {
     }
 }
 
-/// What a picture shows of errors in a box.
+/// The scale from metres of error in a box to pixels on the screen: an upper bound.
 ///
-/// The papers take `lambda E / d`, with the distance `d` of the box. That is what an error across the line of sight shows in the middle
-/// of the picture. Elsewhere a perspective picture is stretched, and an error along the line of sight shows less. A point at
-/// depth `z` with tangents `t = (x, y) / z` that is moved by a vector with the components `e` along right and up, `f` along
-/// forward, moves by `lambda |e - t f| / (z + f)` pixels. For a vector of length E that is at most `lambda E sqrt(1 + |t|^2) / (z - E)`, and less
-/// for an upright one seen from above: `|e - t f|` is convex in `t`, so its greatest value is at an end of the range of `t` over the points
-/// of the box that are in the picture. Their depth is at least the box's least one, and at least `d / sqrt(1 + |t|^2)`.
+/// The papers take `lambda E / d`, with the distance `d` of the box. That is right for an error
+/// across the line of sight in the middle of the image. Elsewhere perspective stretches the image,
+/// and an error along the line of sight is seen less. A point at depth `z` with tangents
+/// `t = (x, y) / z` that is moved by a vector with the components `e` along right and up, `f` along
+/// forward, moves by `lambda |e - t f| / (z + f)` pixels. For a vector of length E that is at most
+/// `lambda E sqrt(1 + |t|^2) / (z - E)`, and less for an upright one seen from above: `|e - t f|`
+/// is convex in `t`, so its greatest value is at an end of the range of `t` over the points of the
+/// box that are in the view. Their depth is at least the box's least one, and at least
+/// `d / sqrt(1 + |t|^2)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reach {
+pub struct PixelScale {
     /// Least depth, metres.
     pub depth: f64,
-    /// The most that a metre of vertical error can show, in metres at depth 1.
+    /// Greatest apparent size, in metres at depth 1, of a metre of vertical error.
     pub vertical: f64,
-    /// The same of horizontal error.
+    /// Greatest apparent size, in metres at depth 1, of a metre of horizontal error.
     pub horizontal: f64,
     /// Pixels of a unit of tangent.
     pub lambda: f64,
 }
 
-impl Reach {
-    /// Pixels of a vertical (exaggerated) and a horizontal error in metres, at most; 0 if there is none.
+impl PixelScale {
+    /// Most pixels of a vertical (exaggerated) and a horizontal error in metres; 0 for no error.
     pub fn pixels(&self, vertical: f64, horizontal: f64) -> f64 {
         let metres = vertical.hypot(horizontal);
         if metres <= 0.0 {

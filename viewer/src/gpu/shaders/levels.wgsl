@@ -49,7 +49,7 @@ fn sees(space: Space) -> bool {
     return inside;
 }
 
-// How near a box comes, and how much of a vertical and of a horizontal error in it is seen: `View::reach`.
+// How near a box comes, and how much of a vertical and of a horizontal error in it is seen: `View::pixel_scale`.
 struct Reach {
     depth: f32,
     vertical: f32,
@@ -83,7 +83,7 @@ fn reach_of(space: Space) -> Reach {
     return Reach(depth, min(length(max(at_low, at_high)), stretch), stretch);
 }
 
-// Pixels of error of a patch at a step: `Reach::pixels`.
+// Pixels of error of a patch at a step: `PixelScale::pixels`.
 fn error_of(tile: Tile, part: u32, reach: Reach, step: u32) -> f32 {
     let vertical = entry(tile, step, part) * frame.spacing.z;
     let horizontal = entry(tile, frame.sizes.y + 1u + step, part);

@@ -1,47 +1,67 @@
-//! Errors of the half-step triangles: what the 4-8 mesh draws at border cells and no uniform step does.
+//! Errors of the half-step triangles, which the 4-8 mesh draws at border cells and no uniform step
+//! does.
 //!
-//! A border cell of spacing `s = 2^k` beside a finer edge is cut by both diagonals at its centre `M`. A *quarter* is the triangle `A B M` over
-//! one of its sides `A B`, with `N` in the middle of that side. The quarter at the finer edge is cut again at `N`: two triangles of step
-//! `k - 1`. The others are half a step, `H`; the table of the file says nothing of them. `U(j)` is the surface at step `j`, `e(j)`
-//! its error. `H` and all `U(j)`, `j <= k`, are unions of triangles of step 0.
+//! A border cell of spacing `s = 2^k` beside a finer edge is cut by both diagonals at its centre
+//! `M`. A *border triangle* is the triangle `A B M` over one of its sides `A B`, with `N` in the
+//! middle of that side:
 //!
-//! **Vertical.** Wherever some `U(j)` is shown, `|truth - H| <= e(j) + |U(j) - H|`, and the last is largest at a vertex of step `j`. For `j = k` that is
-//! `M` against the diagonal of the cell, for `j = k - 1` it is `N` against the middle of `A B`, for `j = 0` it is every sample. Without
-//! voids each of them is a bound; the least counts. With voids the surface used must be shown wherever `H` is: its validity must be no
-//! less at its vertices. In a leaf `U(0)` is the truth, so that one always serves. If none does, only the range of heights of
-//! the tile is left. That needs `N` void between unlike ends, and `M` valid at a diagonal that is not.
+//! ```text
+//! A-----N-----B     the finer edge: A B M is cut again at N, into two triangles of step k - 1
+//! | \   |   / |
+//! |   \ | /   |
+//! |     M     |     the other three triangles at M are half a step
+//! |   /   \   |
+//! | /       \ |
+//! C-----------D
+//! ```
 //!
-//! **Horizontal.** Where some `U(j)` is in the same state as `H`, shown or hidden, what is misdrawn is so at step `j` too. Otherwise
-//! the truth and all `U(j)` are in the other state at a point `x`. `H` weighs its corners, so one of them has its state, and it
-//! is a sample: the outline runs between `x` and the nearest such corner. Let the larger spacing stand for both, `s` being 1. One corner of
-//! the state: `x` lies in the half-size triangle there, at most 1/2 away. Three: at most the circumradius, 1/2. `A` and `M`: 1/2, in the middle of
-//! `A B`. `A` and `B`: the trapezoid below half the height, farthest halfway between, `sqrt(1/4 + 1/16) < 0.56`: [`REACH`].
+//! The table of the file bounds steps `k` and `k - 1`, and says nothing of half a step. Let `H` be
+//! the surface of half a step, `U(j)` that of step `j`, and `e(j)` its error. `H` and all `U(j)`,
+//! `j <= k`, are unions of triangles of step 0.
+//!
+//! **Vertical.** Wherever some `U(j)` is shown, `|truth - H| <= e(j) + |U(j) - H|`, and the last
+//! term is largest at a vertex of step `j`. For `j = k` that is `M` against the diagonal of the
+//! cell, for `j = k - 1` it is `N` against the middle of `A B`, for `j = 0` it is every sample.
+//! Without voids each of these is a bound, and the least of them counts. With voids the surface
+//! `U(j)` must be shown wherever `H` is: its validity must be no less at its vertices. In a leaf
+//! `U(0)` is the truth, so that one always serves. If none does, only the range of heights of the
+//! tile is left. That needs `N` void between unlike ends, and `M` valid at a diagonal that is not.
+//!
+//! **Horizontal.** Where some `U(j)` is in the same state as `H`, shown or hidden, a misdrawn point
+//! is misdrawn at step `j` too. Otherwise the truth and all `U(j)` are in the other state at a
+//! point `x`. `H` is a weighted mean of its corners, so one of them has its state, and a corner is
+//! a sample: the outline runs between `x` and the nearest such corner. Let `s` be 1, the larger of
+//! the two spacings for both. One corner of the state: `x` lies in the half-size triangle there, at
+//! most 1/2 away. Three: at most the circumradius, 1/2. `A` and `M`: 1/2, in the middle of `A B`.
+//! `A` and `B`: the trapezoid below half the height, farthest halfway between,
+//! `sqrt(1/4 + 1/16) < 0.56`: [`MAX_MISDRAW`].
 
-/// How far, in spacings, a point misdrawn by a half-step triangle alone is from the outline at most.
-pub(super) const REACH: f64 = 0.56;
+/// Largest distance, in spacings, from the outline of a point that only a half-step triangle
+/// misdraws.
+pub(super) const MAX_MISDRAW: f64 = 0.56;
 
 /// Most steps of a patch.
 pub(super) const STEPS: usize = 7;
 
-/// What the border cells of a tile are measured on.
-pub(super) struct Strips<'a> {
+/// A tile whose border cells are measured.
+pub(super) struct BorderCells<'a> {
     /// Intervals on a side of the tile.
     pub n: usize,
     /// Heights in metres, finite.
     pub heights: &'a [f32],
-    /// 1 where valid.
+    /// 1 where a sample is valid.
     pub valid: &'a [u8],
     /// True if no tile is below.
     pub leaf: bool,
     /// True if tile column + row is odd.
     pub odd: bool,
-    /// Lowest and greatest height of the truth, metres.
+    /// Lowest and greatest height of the full resolution, metres.
     pub range: (f64, f64),
-    /// For leaves with voids: 1 where a sample or one around it is valid; else empty.
+    /// For leaves with voids: 1 where a sample or one of the eight around it is valid; else empty.
     pub near: Vec<u8>,
 }
 
-/// One patch, by its first sample.
+/// A patch of the tile.
 pub(super) struct Patch<'a> {
     /// Index of its north-west sample.
     pub start: usize,
@@ -53,37 +73,38 @@ pub(super) struct Patch<'a> {
     pub errors: &'a [f64],
 }
 
-/// One step of a patch.
+/// The errors of one step of a patch, half-step triangles included.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Covered {
-    /// Vertical error of all triangles, metres.
+    /// Vertical error, metres.
     pub vertical: f64,
     /// True if a half-step triangle may draw an outline of its own.
     pub outline: bool,
 }
 
-/// A quarter of a cell: its edge runs along `u`, 0 to `s`, and `v` goes to the centre, 0 to `s / 2`.
+/// A border triangle: `u` runs along its side of the cell, 0 to `s`, and `v` from there to the
+/// centre, 0 to `s / 2`.
 #[derive(Clone, Copy)]
-struct Quarter {
+struct BorderTriangle {
     origin: usize,
     along: isize,
     inward: isize,
     s: usize,
 }
 
-impl Quarter {
+impl BorderTriangle {
     fn at(&self, u: usize, v: usize) -> usize {
         self.origin.wrapping_add_signed(u as isize * self.along + v as isize * self.inward)
     }
 
-    /// Indices of the samples at a step.
+    /// The samples of step `step` in the triangle: `u`, `v` and index.
     fn samples(self, step: usize) -> impl Iterator<Item = (usize, usize, usize)> {
         let row = move |v| (v..=self.s - v).step_by(step).map(move |u| (u, v, self.at(u, v)));
         (0..=self.s / 2).step_by(step).flat_map(row)
     }
 }
 
-/// Dilates validity by a sample.
+/// Validity dilated by one sample.
 pub(super) fn near(valid: &[u8], n: usize) -> Vec<u8> {
     let row = n + 1;
     let mut across = valid.to_vec();
@@ -97,7 +118,7 @@ pub(super) fn near(valid: &[u8], n: usize) -> Vec<u8> {
     out
 }
 
-impl Strips<'_> {
+impl BorderCells<'_> {
     fn z(&self, at: usize) -> f64 {
         f64::from(self.heights[at])
     }
@@ -106,7 +127,7 @@ impl Strips<'_> {
         self.valid[at] != 0
     }
 
-    /// Step `k >= 1` of a patch, as far as it is not covered by `known`.
+    /// The errors of step `k >= 1` of a patch; the vertical one is at least `known`.
     pub fn step(&self, patch: &Patch, k: usize, known: f64) -> Covered {
         let s = 1 << k;
         let last = patch.side / s - 1;
@@ -124,7 +145,7 @@ impl Strips<'_> {
         covered
     }
 
-    /// The quarters of a cell that are drawn at half a step.
+    /// Measures the triangles of a cell that are drawn at half a step.
     fn cell(&self, patch: &Patch, k: usize, a: usize, covered: &mut Covered, drawn: impl Fn(usize) -> bool) {
         let (s, row) = (1 << k, self.n + 1);
         let (b, c, d, m) = (a + s, a + s * row, a + s * row + s, a + s / 2 * row + s / 2);
@@ -133,27 +154,28 @@ impl Strips<'_> {
         let off = (self.z(m) - 0.5 * (self.z(diagonal[0]) + self.z(diagonal[1]))).abs();
         let ends = if patch.mixed { diagonal.map(|at| self.is_valid(at)) } else { [true; 2] };
         let (across, down) = (1, row as isize);
-        let quarters = [(a, across, down), (b, down, -across), (c, across, -down), (a, down, across)];
-        for (turn, (origin, along, inward)) in quarters.into_iter().enumerate() {
+        let triangles = [(a, across, down), (b, down, -across), (c, across, -down), (a, down, across)];
+        for (turn, (origin, along, inward)) in triangles.into_iter().enumerate() {
             if drawn(turn) {
-                self.quarter(patch, k, Quarter { origin, along, inward, s }, (ends, off), covered);
+                self.triangle(patch, k, BorderTriangle { origin, along, inward, s }, (ends, off), covered);
             }
         }
     }
 
-    /// One quarter. `ends` are the validities of the ends of the cell's diagonal, `off` is how far the centre is off its middle.
-    fn quarter(
+    /// Measures one triangle. `ends` are the validities of the ends of the cell's diagonal, `off`
+    /// is the height difference of the centre and the middle of the diagonal.
+    fn triangle(
         &self,
         patch: &Patch,
         k: usize,
-        quarter: Quarter,
+        triangle: BorderTriangle,
         (ends, off): ([bool; 2], f64),
         covered: &mut Covered,
     ) {
         let e = patch.errors;
-        let [a, b, m, n] = [(0, 0), (quarter.s, 0), (quarter.s / 2, quarter.s / 2), (quarter.s / 2, 0)]
-            .map(|(u, v)| quarter.at(u, v));
-        // Whether the surfaces of steps k and k - 1 are shown wherever this one is.
+        let [a, b, m, n] = [(0, 0), (triangle.s, 0), (triangle.s / 2, triangle.s / 2), (triangle.s / 2, 0)]
+            .map(|(u, v)| triangle.at(u, v));
+        // True for steps k and k - 1 if their surface is shown wherever this one is.
         let mut shown = [true; 2];
         if patch.mixed {
             let [va, vb, vm, vn] = [a, b, m, n].map(|at| self.is_valid(at));
@@ -171,22 +193,22 @@ impl Strips<'_> {
         }
         let plane = Plane {
             base: self.z(a),
-            along: (self.z(b) - self.z(a)) / quarter.s as f64,
-            inward: (self.z(m) - middle) * 2.0 / quarter.s as f64,
+            along: (self.z(b) - self.z(a)) / triangle.s as f64,
+            inward: (self.z(m) - middle) * 2.0 / triangle.s as f64,
         };
         for j in (0..k).rev().skip(1) {
             if bound <= covered.vertical {
                 return;
             }
-            if !patch.mixed || quarter.samples(1 << j).all(|(_, _, at)| self.is_valid(at)) {
-                bound = bound.min(e[j] + self.farthest(quarter, 1 << j, plane));
+            if !patch.mixed || triangle.samples(1 << j).all(|(_, _, at)| self.is_valid(at)) {
+                bound = bound.min(e[j] + self.farthest(triangle, 1 << j, plane));
             }
         }
         if bound <= covered.vertical {
             return;
         }
         if patch.mixed && self.leaf {
-            bound = bound.min(e[0] + self.farthest_near(quarter, plane));
+            bound = bound.min(e[0] + self.farthest_near(triangle, plane));
         } else if bound.is_infinite() {
             let heights = [a, b, m].map(|at| self.z(at));
             let (low, high) = heights
@@ -194,17 +216,17 @@ impl Strips<'_> {
                 .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &z| (low.min(z), high.max(z)));
             bound = e[0] + (self.range.1 - low).max(high - self.range.0);
         }
-        // What arithmetic may have lost: differences of f32 are mostly exact.
+        // The factor covers the rounding of f64; differences of f32 are mostly exact.
         covered.vertical = covered.vertical.max(bound * (1.0 + 1e-12));
     }
 
-    /// Largest distance of the samples at a step from the plane of the quarter.
-    fn farthest(&self, quarter: Quarter, step: usize, plane: Plane) -> f64 {
+    /// Largest height difference between the samples of step `step` and the plane of the triangle.
+    fn farthest(&self, triangle: BorderTriangle, step: usize, plane: Plane) -> f64 {
         let mut worst = [0.0_f64; 4];
-        for v in (0..=quarter.s / 2).step_by(step) {
-            let (start, end) = (v, quarter.s - v);
-            if step == 1 && quarter.along == 1 {
-                let row = &self.heights[quarter.at(start, v)..=quarter.at(end, v)];
+        for v in (0..=triangle.s / 2).step_by(step) {
+            let (start, end) = (v, triangle.s - v);
+            if step == 1 && triangle.along == 1 {
+                let row = &self.heights[triangle.at(start, v)..=triangle.at(end, v)];
                 let base = plane.at(start, v);
                 for (i, four) in row.chunks(4).enumerate() {
                     for (lane, &z) in four.iter().enumerate() {
@@ -215,21 +237,21 @@ impl Strips<'_> {
                 continue;
             }
             for u in (start..=end).step_by(step) {
-                let off = (self.z(quarter.at(u, v)) - plane.at(u, v)).abs();
+                let off = (self.z(triangle.at(u, v)) - plane.at(u, v)).abs();
                 worst[0] = if off > worst[0] { off } else { worst[0] };
             }
         }
         worst.into_iter().fold(0.0, f64::max)
     }
 
-    /// The same of all samples that a shown triangle of step 0 can have.
-    fn farthest_near(&self, quarter: Quarter, plane: Plane) -> f64 {
-        let counts = quarter.samples(1).filter(|&(_, _, at)| self.near[at] != 0);
+    /// [`Self::farthest`] of all samples that a shown triangle of step 0 can have.
+    fn farthest_near(&self, triangle: BorderTriangle, plane: Plane) -> f64 {
+        let counts = triangle.samples(1).filter(|&(_, _, at)| self.near[at] != 0);
         counts.map(|(u, v, at)| (self.z(at) - plane.at(u, v)).abs()).fold(0.0, f64::max)
     }
 }
 
-/// Height over a quarter.
+/// The plane of heights over a border triangle.
 #[derive(Clone, Copy)]
 struct Plane {
     base: f64,
