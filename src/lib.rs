@@ -1,24 +1,22 @@
-//! Relevo: digital elevation models of any size as one streamable tile pyramid (`.rlv`), with a
-//! proven geometric error for every patch at every tessellation step.
+//! Makes one streamable tile pyramid (`.rlv`) of digital elevation models and imagery of any size,
+//! with a proven geometric error for every patch at every tessellation step.
 //!
-//! The library reads DEMs, builds containers, and reads them back: the index, tiles (heights,
-//! voids, errors) and the surface they define. `format-spec.md` describes the bytes,
-//! `ARCHITECTURE.md` the code.
+//! [`relevo_core`], whose names are here too, reads such files and chooses what to draw of them; it is
+//! all that a renderer needs. `format-spec.md` describes the bytes, `ARCHITECTURE.md` the code.
+//!
+//! # Build a file
+//!
+//! A [`source`] is opened, and a [`Build`] makes a file of it.
 //!
 //! ```
-//! use relevo::container::Reader;
-//! use relevo::limits::Limits;
-//! use relevo::pipeline::{self, BuildOptions, Silent};
-//! use relevo::{TileId, source, surface};
+//! use relevo::{Build, Limits, Reader, TileId, source, surface};
 //!
 //! # fn main() -> relevo::Result<()> {
 //! let dem = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dem/rmnp_dem_uint16.tif");
 //! # let folder = tempfile::tempdir().unwrap();
-//! let output = std::env::temp_dir().join("rmnp.rlv");
 //! # let output = folder.path().join("rmnp.rlv");
 //! let source = source::open(&dem, &Limits::default())?;
-//! let options = BuildOptions { tile: 64, patch: 16, force: true, ..BuildOptions::default() };
-//! let report = pipeline::build(&*source, &output, &options, &Silent)?;
+//! let report = Build::new(&*source).tile(64).patch(16).run(&output)?;
 //! assert_eq!(report.header.levels, 2);
 //!
 //! let reader = Reader::open(&output)?;
@@ -38,27 +36,59 @@
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! # Join, add, check, export
+//!
+//! [`merge`] joins windows that were built apart, [`add_imagery`] puts pictures over the heights of
+//! a file, [`verify`] recomputes what a file promises, [`export`] writes any level of it.
+//!
+//! # Features
+//!
+//! `cli` (on by default) is the command line; a library user turns it off. `gdal` reads any raster
+//! that GDAL opens, and warps.
 
+mod build;
 pub mod export;
 mod file;
+#[doc(hidden)]
 pub mod geotiff_write;
+#[doc(hidden)]
 pub mod hillshade;
+#[doc(hidden)]
 pub mod imagery;
+#[doc(hidden)]
 pub mod patch;
+#[doc(hidden)]
 pub mod pipeline;
+#[doc(hidden)]
 pub mod progress;
 mod rect;
 pub mod source;
+#[doc(hidden)]
 pub mod tile;
 pub mod verify;
+#[doc(hidden)]
 pub mod work_folder;
+#[doc(hidden)]
 pub mod writer;
 
+pub use build::Build;
+#[doc(inline)]
+pub use pipeline::imagery::{LayerOptions, add as add_imagery};
+#[doc(inline)]
+pub use pipeline::{BuildOptions, Plan, Report, merge};
+#[doc(inline)]
+pub use progress::{Observer, Silent, Stage};
 pub use rect::Rect;
 use relevo_core::lru;
 pub use relevo_core::{
-    Error, Result, TileId, codec, container, crs, error, error_code, geo, limits, observed, output, sample,
-    select, simd, surface, texel, text,
+    ChunkKind, Codec, Crs, CrsKind, Ellipsoid, Error, ErrorTable, Geo, Header, ImageryEntry, ImageryHeader,
+    ImageryLayer, Lattice, Limits, Metadata, Metric, Projection, ReadAt, Reader, ReaderOptions, Result,
+    SampleType, Statistics, Texels, TileEntry, TileId, observed, select, surface,
+};
+#[doc(hidden)]
+pub use relevo_core::{
+    codec, container, crs, error, error_code, geo, limits, output, sample, simd, texel, text,
 };
 
 // The code of README.md is compiled, so that it stays true.

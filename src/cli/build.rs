@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use relevo::Error;
 use relevo::Rect;
 use relevo::container::layout::Metric;
 use relevo::output::check_apart;
@@ -13,6 +12,7 @@ use relevo::pipeline::imagery::Imagery as Layer;
 use relevo::pipeline::{self, BuildOptions, Report};
 use relevo::source::{self, SourceInfo};
 use relevo::work_folder::resumable;
+use relevo::{Build, Error};
 use serde_json::json;
 
 use crate::cli::add::{layer_options, print_layer};
@@ -122,7 +122,7 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     }
     let show = Show::new(args.progress);
     if let Some(window) = &args.window {
-        let done = pipeline::build_window(&*source, &output, window, &options, &show);
+        let done = Build::new(&*source).options(options).progress(&show).run_window(&output, window);
         show.finish();
         done.map_err(|error| failure(error, dem.first(), &output))?;
         if !voice::quiet() {
@@ -131,7 +131,8 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let report = pipeline::build_with(&*source, layer, &output, &options, &show);
+    let build = Build::new(&*source).options(options).imagery(&pictures, layer_options(&args.imagery)?);
+    let report = build.progress(&show).run(&output);
     show.finish();
     let mut report = report.map_err(|error| failure(error, dem.first(), &output))?;
     say(&told(&report.warnings[source.info().warnings.len()..]));

@@ -13,11 +13,11 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use relevo::Error;
 use relevo::container::reader::Reader;
 use relevo::output::Inputs;
 use relevo::pipeline::{self, BuildOptions, Observer, Report, Stage};
 use relevo::verify::{VerifyOptions, verify};
+use relevo::{Build, Error};
 use serde_json::json;
 
 use crate::cli::build::{self, failure};
@@ -194,7 +194,8 @@ impl Batch<'_> {
         let force = options.force || (options.resume && job.output.exists());
         let options = BuildOptions { force, ..options.clone() };
         let share = Share { batch: self, index, weight: job.weight };
-        let mut report = pipeline::build(&*source, &job.output, &options, &share).map_err(named)?;
+        let report = Build::new(&*source).options(options).progress(&share).run(&job.output);
+        let mut report = report.map_err(named)?;
         self.warn(&told(&report.warnings[source.info().warnings.len()..]));
         report.warnings = told(&report.warnings);
         if self.verify {
