@@ -66,7 +66,7 @@ pub fn container(data: &[u8]) {
         imagery_tiles(&reader);
         let options = VerifyOptions { deep: true, max_deep_samples: 1 << 10, ..VerifyOptions::default() };
         if ids.len() < 32 {
-            let _ = verify::verify(&reader, None, &options, &mut |_| true);
+            let _ = verify::verify(&reader, None, &options, &Silent);
         }
     });
 }
@@ -349,7 +349,7 @@ pub fn work(data: &[u8]) {
             !["state", "records"].iter().any(|own| name.ends_with(own)) && !name.contains("seam");
         let report = Reader::open(&output).and_then(|reader| {
             let source = source::open(&folder.join("dem.tif"), &Limits::default())?;
-            verify::verify(&reader, Some(&*source), &VerifyOptions::default(), &mut |_| true)
+            verify::verify(&reader, Some(&*source), &VerifyOptions::default(), &Silent)
         });
         assert!(!must_be_good || report.is_ok_and(|report| report.is_good()), "a damaged piece was merged");
     });

@@ -50,6 +50,7 @@ use crate::container::layout::Metric;
 use crate::container::reader::Reader;
 use crate::error::{Error, Result};
 use crate::geo::CrsKind;
+use crate::progress::Progress;
 use crate::source::Source;
 
 /// What to check, and how much of it to tell.
@@ -69,20 +70,6 @@ impl Default for VerifyOptions {
     }
 }
 
-/// How far a verification is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Progress {
-    /// What is being looked at: `tiles`, `imagery`, `source`, `errors`.
-    pub stage: &'static str,
-    /// How much of it is done.
-    pub done: u64,
-    /// Of how much.
-    pub total: u64,
-}
-
-/// Hears how far a verification is; `false` stops it with [`Error::Interrupted`].
-pub type Watch<'a> = &'a mut dyn FnMut(Progress) -> bool;
-
 /// Checks an open file.
 ///
 /// Damage is a finding, not an error; a disk that cannot be read, or a raster too large for `deep`,
@@ -93,7 +80,7 @@ pub fn verify(
     reader: &Reader,
     source: Option<&dyn Source>,
     options: &VerifyOptions,
-    progress: Watch,
+    progress: &dyn Progress,
 ) -> Result<VerifyReport> {
     let shape = memory::shape(reader, source, options)?;
     let mut report = VerifyReport::default();
@@ -136,14 +123,4 @@ pub fn refused(error: Error) -> Result<VerifyReport> {
     check.looked_at = 1;
     check.take(Err::<(), _>(error), Place::default())?;
     Ok(VerifyReport { checks: vec![check], tightness: Vec::new() })
-}
-
-/// Tells how far the work is.
-fn tell(
-    progress: &mut dyn FnMut(Progress) -> bool,
-    stage: &'static str,
-    done: u64,
-    total: u64,
-) -> Result<()> {
-    if progress(Progress { stage, done, total }) { Ok(()) } else { Err(Error::Interrupted) }
 }

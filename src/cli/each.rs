@@ -15,14 +15,15 @@ use std::time::Instant;
 
 use relevo::container::reader::Reader;
 use relevo::output::Inputs;
-use relevo::pipeline::{self, BuildOptions, Observer, Report, Stage};
+use relevo::pipeline::{self, BuildOptions, Report};
+use relevo::progress::{Progress, Stage};
 use relevo::verify::{VerifyOptions, verify};
 use relevo::{Build, Error};
 use serde_json::json;
 
 use crate::cli::build::{self, failure};
 use crate::cli::dem::SourceArgs;
-use crate::cli::progress::Show;
+use crate::cli::progress::{Show, UntilStopped};
 use crate::cli::table::{Table, bytes, count, seconds};
 use crate::cli::warnings::{self, told};
 use crate::cli::{Outcome, inputs, json, shown, stopped, voice};
@@ -199,9 +200,8 @@ impl Batch<'_> {
         self.warn(&told(&report.warnings[source.info().warnings.len()..]));
         report.warnings = told(&report.warnings);
         if self.verify {
-            let checked = Reader::open(&job.output).and_then(|reader| {
-                verify(&reader, Some(&*source), &VerifyOptions::default(), &mut |_| !stopped())
-            });
+            let checked = Reader::open(&job.output)
+                .and_then(|reader| verify(&reader, Some(&*source), &VerifyOptions::default(), &UntilStopped));
             let problems = checked.map_err(named)?.problems();
             if problems > 0 {
                 return Err(format!("{}: {problems} problems found by the check", shown(&job.output)));
@@ -217,7 +217,7 @@ impl Batch<'_> {
 
     fn tell(&self) {
         let done = self.done.iter().map(|done| done.load(Ordering::Relaxed)).sum();
-        self.show.rows(Stage::Build, done, self.total);
+        self.show.report(Stage::Build, done, self.total);
     }
 }
 
@@ -228,20 +228,20 @@ struct Share<'a> {
     weight: u64,
 }
 
-impl Observer for Share<'_> {
-    fn rows(&self, stage: Stage, done: u64, total: u64) {
+impl Progress for Share<'_> {
+    fn report(&self, stage: Stage, done: u64, total: u64) {
         // Putting the file together takes about a tenth of the time.
         let (from, to) = match stage {
             Stage::Scan => (0.0, 0.0),
             Stage::Build => (0.0, 0.9),
-            Stage::Merge | Stage::Imagery | Stage::Write => (0.9, 1.0),
+            _ => (0.9, 1.0),
         };
         let share = from + (to - from) * done as f64 / total.max(1) as f64;
         self.batch.done[self.index].store((share * self.weight as f64) as u64, Ordering::Relaxed);
         self.batch.tell();
     }
 
-    fn cancelled(&self) -> bool {
+    fn is_cancelled(&self) -> bool {
         stopped()
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use relevo::pipeline::{Observer, Stage};
+use relevo::progress::{Progress, Stage};
 use serde_json::json;
 
 use crate::cli::{stopped, table, voice};
@@ -25,7 +25,7 @@ pub enum Mode {
 const LOG_EVERY: Duration = Duration::from_secs(10);
 const JSON_EVERY: Duration = Duration::from_millis(250);
 
-/// An observer that shows.
+/// Shows progress as the command line asks for.
 pub struct Show {
     mode: Mode,
     bar: Option<ProgressBar>,
@@ -79,7 +79,7 @@ impl Show {
     fn tell_stage(&self, state: &State) {
         let Some(stage) = state.stage else { return };
         let took = table::seconds(state.stage_start.elapsed().as_secs_f64());
-        self.aside(|| voice::detail(&format!("{} took {took}", name(stage))));
+        self.aside(|| voice::detail(&format!("{} took {took}", stage.as_str())));
     }
 
     /// Takes the bar away.
@@ -100,14 +100,14 @@ impl Show {
             writeln!(
                 err,
                 "{}",
-                json!({ "stage": name(stage), "note": Some(note).filter(|note| !note.is_empty()),
+                json!({ "stage": stage.as_str(), "note": Some(note).filter(|note| !note.is_empty()),
                         "done": done, "total": total, "seconds": elapsed, "seconds_left": left })
             )
         } else {
             let percent = 100.0 * done as f64 / total.max(1) as f64;
             let elapsed = table::seconds(elapsed);
             let left = left.map_or_else(String::new, |left| format!(", about {} left", table::seconds(left)));
-            let stage = [name(stage), note].join(" ");
+            let stage = [stage.as_str(), note].join(" ");
             writeln!(err, "relevo: {} {percent:.0} %, {elapsed} elapsed{left}", stage.trim_end())
         };
     }
@@ -123,18 +123,8 @@ fn seconds_left((before, done, total): (u64, u64, u64), elapsed: f64) -> Option<
     (made > 0).then(|| elapsed * rest as f64 / made as f64)
 }
 
-fn name(stage: Stage) -> &'static str {
-    match stage {
-        Stage::Scan => "scan",
-        Stage::Build => "build",
-        Stage::Merge => "merge",
-        Stage::Imagery => "imagery",
-        Stage::Write => "write",
-    }
-}
-
-impl Observer for Show {
-    fn rows(&self, stage: Stage, done: u64, total: u64) {
+impl Progress for Show {
+    fn report(&self, stage: Stage, done: u64, total: u64) {
         let Ok(mut state) = self.state.lock() else { return };
         if state.stage != Some(stage) {
             self.tell_stage(&state);
@@ -147,7 +137,7 @@ impl Observer for Show {
             }
         }
         if let Some(bar) = &self.bar {
-            bar.set_message([name(stage), &state.note].join(" "));
+            bar.set_message([stage.as_str(), &state.note].join(" "));
             bar.set_length(total);
             bar.set_position(done);
             return;
@@ -165,7 +155,18 @@ impl Observer for Show {
         }
     }
 
-    fn cancelled(&self) -> bool {
+    fn is_cancelled(&self) -> bool {
+        stopped()
+    }
+}
+
+/// Shows nothing; stops a task when the program is told to stop.
+pub struct UntilStopped;
+
+impl Progress for UntilStopped {
+    fn report(&self, _: Stage, _: u64, _: u64) {}
+
+    fn is_cancelled(&self) -> bool {
         stopped()
     }
 }

@@ -6,8 +6,9 @@ use std::process::ExitCode;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use relevo::container::reader::{Reader, ReaderOptions};
+use relevo::progress::{Progress, Stage};
 use relevo::source::Source;
-use relevo::verify::{Check, Progress, Ratios, VerifyOptions, VerifyReport, refused, verify};
+use relevo::verify::{Check, Ratios, VerifyOptions, VerifyReport, refused, verify};
 use serde_json::json;
 
 use crate::cli::build::size;
@@ -71,6 +72,23 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(if report.is_good() { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
+/// The bar on a terminal.
+struct Bar(Option<ProgressBar>);
+
+impl Progress for Bar {
+    fn report(&self, stage: Stage, done: u64, total: u64) {
+        if let Some(bar) = &self.0 {
+            bar.set_message(stage.as_str());
+            bar.set_length(total);
+            bar.set_position(done);
+        }
+    }
+
+    fn is_cancelled(&self) -> bool {
+        stopped()
+    }
+}
+
 fn check(args: &Args, reader: &Reader) -> relevo::Result<VerifyReport> {
     let dems = inputs::expand(&args.source)?;
     let source = (!dems.is_empty()).then(|| args.reading.open(&dems)).transpose()?;
@@ -82,16 +100,9 @@ fn check(args: &Args, reader: &Reader) -> relevo::Result<VerifyReport> {
         let style = ProgressStyle::with_template("{msg:8} [{bar:40}] {percent:>3} %  {elapsed} elapsed");
         ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
     });
-    let mut watch = |progress: Progress| {
-        if let Some(bar) = &bar {
-            bar.set_message(progress.stage);
-            bar.set_length(progress.total);
-            bar.set_position(progress.done);
-        }
-        !stopped()
-    };
-    let report = verify(reader, source.as_deref().map(|source| source as &dyn Source), &options, &mut watch);
-    if let Some(bar) = &bar {
+    let bar = Bar(bar);
+    let report = verify(reader, source.as_deref().map(|source| source as &dyn Source), &options, &bar);
+    if let Some(bar) = &bar.0 {
         bar.finish_and_clear();
     }
     report

@@ -28,6 +28,7 @@ use self::place::Placed;
 use self::sweep::Sweep;
 use crate::error::{Error, Result};
 use crate::geo::Geo;
+use crate::progress::Progress;
 use crate::source::picture::{Picture, PictureNote};
 use crate::texel::{Colour, Texels};
 use crate::tile::TileId;
@@ -63,9 +64,6 @@ pub enum Resolution {
     /// The finest whose texels are not smaller than its pixels.
     Coarser,
 }
-
-/// Told of tiles looked at and of how many there are at most; says whether to go on. Called by several threads.
-pub type Observer<'a> = dyn Fn(u64, u64) -> bool + Sync + 'a;
 
 /// A picture in the layer.
 #[derive(Clone, Debug, PartialEq)]
@@ -121,19 +119,19 @@ fn placed<'a>(
 /// Makes the tiles of pictures, of which the last lies on top, over a lattice that lies at `geo`.
 ///
 /// Runs on the current thread pool. What the sink gets does not depend on the number of threads, only the order does. Fails with
-/// [`Error::Interrupted`] if the observer wants it, and if no picture has anything to show.
+/// [`Error::Interrupted`] if `progress` says so, and if no picture has anything to show.
 pub fn build(
     pictures: &[Box<dyn Picture>],
     geo: &Geo,
     grid: &TexelGrid,
     resolution: Resolution,
     sink: &dyn TileSink,
-    observer: &Observer<'_>,
+    progress: &dyn Progress,
 ) -> Result<PyramidReport> {
     let placed = placed(pictures, geo, grid, resolution)?;
     let is_rgb = pictures.iter().any(|picture| picture.info().kind == Colour::Rgb);
     let kind = if is_rgb { Colour::Rgb } else { Colour::Grey };
-    let counts = Sweep { placed: &placed, kind, tile: grid.tile as usize, sink, observer }.run()?;
+    let counts = Sweep { placed: &placed, kind, tile: grid.tile as usize, sink, progress }.run()?;
     if counts.leaf_texels == 0 {
         return Err(Error::usage(
             "the imagery is wholly transparent over the heights: there is nothing to store",

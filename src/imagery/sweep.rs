@@ -16,8 +16,9 @@ use super::composite::Canvas;
 use super::half::Half;
 use super::place::Placed;
 use super::resample::{Square, resample};
-use super::{GUTTER, Observer, TileSink, fill};
+use super::{GUTTER, TileSink, fill};
 use crate::error::{Error, Result};
+use crate::progress::{Progress, Stage};
 use crate::texel::{Colour, Texels};
 use crate::tile::TileId;
 
@@ -40,7 +41,7 @@ pub(super) struct Sweep<'a> {
     pub(super) kind: Colour,
     pub(super) tile: usize,
     pub(super) sink: &'a dyn TileSink,
-    pub(super) observer: &'a Observer<'a>,
+    pub(super) progress: &'a dyn Progress,
 }
 
 /// How far one level is.
@@ -61,14 +62,14 @@ struct Made {
 }
 
 /// Tiles looked at, of how many.
-struct Progress<'a> {
+struct Counter<'a> {
     done: AtomicU64,
     total: u64,
     stopped: AtomicBool,
-    observer: &'a Observer<'a>,
+    progress: &'a dyn Progress,
 }
 
-impl Progress<'_> {
+impl Counter<'_> {
     fn goes_on(&self) -> bool {
         !self.stopped.load(Ordering::Relaxed)
     }
@@ -82,9 +83,10 @@ impl Progress<'_> {
         self.done.fetch_add(tiles as u64, Ordering::Relaxed);
     }
 
-    /// One more; false if somebody wants to stop.
+    /// Counts one more; false if the task is to stop.
     fn step(&self) -> bool {
-        (self.observer)(self.done.fetch_add(1, Ordering::Relaxed) + 1, self.total)
+        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
+        self.progress.goes_on(Stage::Imagery, done, self.total)
     }
 }
 
@@ -101,11 +103,11 @@ impl Sweep<'_> {
                 .flat_map(move |row| self.own(level, row))
                 .map(|columns| columns.len() as u64)
         };
-        let progress = Progress {
+        let progress = Counter {
             done: AtomicU64::new(0),
             total: (0..levels.len()).flat_map(own).sum(),
             stopped: AtomicBool::new(false),
-            observer: self.observer,
+            progress: self.progress,
         };
         self.climb(&mut levels, usize::from(finest), &progress, &mut counts)?;
         Ok(counts)
@@ -123,7 +125,7 @@ impl Sweep<'_> {
         &self,
         levels: &mut [Level],
         level: usize,
-        progress: &Progress<'_>,
+        progress: &Counter<'_>,
         counts: &mut Counts,
     ) -> Result<()> {
         loop {
@@ -213,7 +215,7 @@ impl Sweep<'_> {
         levels: &mut [Level],
         level: usize,
         rows: Range<u32>,
-        progress: &Progress<'_>,
+        progress: &Counter<'_>,
         counts: &mut Counts,
     ) -> Result<()> {
         let none = HashMap::new();

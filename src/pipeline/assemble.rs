@@ -11,7 +11,7 @@ use super::report::Report;
 use super::run::Done;
 use super::{odd, outcome};
 use crate::error::{Error, Result};
-use crate::progress::{Observer, Stage};
+use crate::progress::Progress;
 use crate::source::SourceInfo;
 
 /// What a file is made of beside its tiles.
@@ -25,7 +25,7 @@ pub struct Assembly<'a> {
     /// The imagery layer, which is made here.
     pub imagery: Option<&'a Imagery<'a>>,
     /// Hears how far it is.
-    pub progress: &'a dyn Observer,
+    pub progress: &'a dyn Progress,
     /// When the build began.
     pub start: Instant,
 }
@@ -57,16 +57,7 @@ impl Assembly<'_> {
             metadata.imagery = Some(layer.note);
             writer.attach(layer.sections);
         }
-        let file = writer.finish_while(
-            &header,
-            &metadata,
-            &statistics,
-            &outcome::inspect,
-            &mut |tiles, total| {
-                progress.rows(Stage::Write, tiles, total);
-                !progress.cancelled()
-            },
-        )?;
+        let file = writer.finish_while(&header, &metadata, &statistics, &outcome::inspect, progress)?;
         let origins = info.origins.texts();
         Ok(Report {
             header,

@@ -89,14 +89,14 @@ fn largest(job: &Job<'_>) -> Result<f64> {
     }
     let pyramid = &plan.pyramid;
     for y in pyramid.leaves().rows {
-        if progress.cancelled() {
+        if progress.is_cancelled() {
             return Err(Error::Interrupted);
         }
         for run in plan.occupied.runs(y, &(0..u32::MAX)) {
             let (columns, rows) = (pyramid.sample_columns(&run), pyramid.sample_rows(&(y..y + 1)));
             largest = largest.max(max_magnitude(&source.read_window(columns, rows)?, nodata));
         }
-        progress.rows(Stage::Scan, pyramid.rows_down_to(y), u64::from(info.height));
+        progress.report(Stage::Scan, pyramid.rows_down_to(y), u64::from(info.height));
     }
     Ok(largest)
 }

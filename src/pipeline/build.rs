@@ -14,7 +14,7 @@ use super::threads::threads;
 use super::{column_passes, outcome, run};
 use crate::error::{Error, Result};
 use crate::output;
-use crate::progress::Observer;
+use crate::progress::Progress;
 use crate::rect::Rect;
 use crate::source::Source;
 
@@ -26,9 +26,9 @@ pub fn build(
     source: &dyn Source,
     output: &Path,
     options: &BuildOptions,
-    observer: &dyn Observer,
+    progress: &dyn Progress,
 ) -> Result<Report> {
-    build_with(source, None, output, options, observer)
+    build_with(source, None, output, options, progress)
 }
 
 /// [`build`] with an imagery layer, which is made when the heights are done. A resumed build makes
@@ -38,7 +38,7 @@ pub fn build_with(
     imagery: Option<&Imagery<'_>>,
     output: &Path,
     options: &BuildOptions,
-    observer: &dyn Observer,
+    progress: &dyn Progress,
 ) -> Result<Report> {
     let start = Instant::now();
     threads(options.jobs)?.install(|| {
@@ -52,7 +52,7 @@ pub fn build_with(
         check_output(output, source, imagery)?;
         let window = plan.pyramid.tiles(plan.pyramid.levels);
         let passes = column_passes::windows(&plan, options.memory)?;
-        let mut job = Job { source, plan, options, progress: observer };
+        let mut job = Job { source, plan, options, progress };
         let begun = Begun::new(&mut job, output, window, None)?;
         if !begun.is_new() {
             column_passes::check_limit(&job.plan, &begun.state.passes, options.memory)?;
@@ -62,7 +62,7 @@ pub fn build_with(
         }
         let done = run::run(&job, begun)?;
         let Job { plan, .. } = &job;
-        Assembly { info: source.info(), plan, options, imagery, progress: observer, start }.finish(done)
+        Assembly { info: source.info(), plan, options, imagery, progress, start }.finish(done)
     })
 }
 
@@ -76,7 +76,7 @@ pub fn build_window(
     output: &Path,
     window: &Rect,
     options: &BuildOptions,
-    observer: &dyn Observer,
+    progress: &dyn Progress,
 ) -> Result<()> {
     threads(options.jobs)?.install(|| {
         let plan = plan(source.info(), options)?;
@@ -86,7 +86,7 @@ pub fn build_window(
             return Err(Error::usage(format!("--window {window}: expected tiles of the leaf level, {all}")));
         }
         check_output(output, source, None)?;
-        let mut job = Job { source, plan, options, progress: observer };
+        let mut job = Job { source, plan, options, progress };
         let begun = Begun::new(&mut job, output, window.clone(), None)?;
         run::run(&job, begun)?.into_piece()
     })
@@ -99,9 +99,9 @@ pub fn merge(
     output: &Path,
     jobs: Option<usize>,
     force: bool,
-    observer: &dyn Observer,
+    progress: &dyn Progress,
 ) -> Result<Report> {
-    merge_within(None, pieces, output, jobs, force, observer)
+    merge_within(None, pieces, output, jobs, force, progress)
 }
 
 /// [`merge()`] within `memory` bytes.
@@ -115,9 +115,9 @@ pub fn merge_within(
     output: &Path,
     jobs: Option<usize>,
     force: bool,
-    observer: &dyn Observer,
+    progress: &dyn Progress,
 ) -> Result<Report> {
-    threads(jobs)?.install(|| super::merge::merge(pieces, output, jobs, memory, force, observer))
+    threads(jobs)?.install(|| super::merge::merge(pieces, output, jobs, memory, force, progress))
 }
 
 /// Fails if the output is one of the files that it is made of.

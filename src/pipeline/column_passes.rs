@@ -17,7 +17,7 @@ use super::plan::Plan;
 use super::report::Report;
 use super::{memory, merge, run};
 use crate::error::{Error, Result};
-use crate::progress::{Observer, Stage};
+use crate::progress::{Progress, Stage};
 use crate::rect::Rect;
 
 /// Columns of tiles on either side of a pass that are read with it.
@@ -45,7 +45,7 @@ pub fn build(
             continue;
         }
         let options = BuildOptions { resume: true, force: false, ..job.options.clone() };
-        let progress = Pass { observer: job.progress, before: i as u64, of: pieces.len() as u64 };
+        let progress = Pass { progress: job.progress, before: i as u64, of: pieces.len() as u64 };
         let largest = Some(state.largest);
         let mut job =
             Job { source: job.source, plan: job.plan.clone(), options: &options, progress: &progress };
@@ -67,18 +67,18 @@ fn counts(columns: u64) -> impl Iterator<Item = u64> {
 
 /// Reports the progress of all passes as that of one build.
 struct Pass<'a> {
-    observer: &'a dyn Observer,
+    progress: &'a dyn Progress,
     before: u64,
     of: u64,
 }
 
-impl Observer for Pass<'_> {
-    fn rows(&self, stage: Stage, done: u64, total: u64) {
-        self.observer.rows(stage, self.before * total + done, self.of * total);
+impl Progress for Pass<'_> {
+    fn report(&self, stage: Stage, done: u64, total: u64) {
+        self.progress.report(stage, self.before * total + done, self.of * total);
     }
 
-    fn cancelled(&self) -> bool {
-        self.observer.cancelled()
+    fn is_cancelled(&self) -> bool {
+        self.progress.is_cancelled()
     }
 }
 

@@ -18,7 +18,7 @@ use crate::error::{Error, Result};
 use crate::geo::Crs;
 use crate::imagery::{self, GUTTER, Ground, PlacedPicture, PyramidReport, Resolution, TileSink};
 use crate::output;
-use crate::progress::{Observer, Stage};
+use crate::progress::Progress;
 use crate::source::picture::{KEPT, Memory, Picture};
 use crate::texel::{Colour, Texels};
 use crate::tile::TileId;
@@ -176,7 +176,7 @@ pub fn layer(
     Imagery { pictures, options }: &Imagery<'_>,
     ground: &Ground<'_>,
     folder: &Path,
-    observer: &dyn Observer,
+    progress: &dyn Progress,
 ) -> Result<Layer> {
     let is_rgb = pictures.iter().any(|picture| picture.info().kind == Colour::Rgb);
     let header = ImageryHeader {
@@ -195,21 +195,15 @@ pub fn layer(
     let lossy = matches!(options.codec, Codec::Jpeg | Codec::Bc1);
     let cut_out = lossy && !pictures.iter().any(|picture| picture.info().has_alpha);
     let grid = ground.grid(options.tile);
-    let watch = |stage| {
-        move |done, total| {
-            observer.rows(stage, done, total);
-            !observer.cancelled()
-        }
-    };
     let pyramid = imagery::build(
         pictures,
         ground.geo,
         &grid,
         options.resolution,
         &Sink { writer: &writer, cut_out },
-        &watch(Stage::Imagery),
+        progress,
     )?;
-    let sections = writer.finish(&mut watch(Stage::Write))?;
+    let sections = writer.finish(progress)?;
     let note = note(&sections.header, options.resolution, &pyramid);
     Ok(Layer { sections, note, pyramid })
 }
@@ -258,7 +252,7 @@ pub fn add(
     options: &LayerOptions,
     jobs: Option<usize>,
     memory: Option<u64>,
-    observer: &dyn Observer,
+    progress: &dyn Progress,
 ) -> Result<AddReport> {
     let start = Instant::now();
     if !file.is_file() {
@@ -277,15 +271,11 @@ pub fn add(
         let samples = (header.width, header.height);
         let ground = Ground { geo: reader.geo(), intervals, samples, tiles: header.tile_count };
         imagery.keep_within(&ground, rayon::current_num_threads(), memory)?;
-        let layer = layer(&imagery, &ground, work.folder(), observer)?;
+        let layer = layer(&imagery, &ground, work.folder(), progress)?;
         // An open file cannot be replaced on Windows.
         drop(reader);
-        let mut go_on = |done, total| {
-            observer.rows(Stage::Write, done, total);
-            !observer.cancelled()
-        };
         let file_bytes =
-            amend::put_imagery(&mut work, &layer.sections, &layer.note, &outcome::inspect, &mut go_on)?;
+            amend::put_imagery(&mut work, &layer.sections, &layer.note, &outcome::inspect, progress)?;
         Ok(AddReport { layer: layer.report(), file_bytes, elapsed: start.elapsed() })
     })
 }

@@ -2,7 +2,7 @@
 
 use super::options::BuildOptions;
 use super::plan::Plan;
-use crate::progress::Observer;
+use crate::progress::Progress;
 use crate::source::Source;
 
 /// A build of one source: what it reads, how it goes about it, and what hears of its progress.
@@ -14,5 +14,5 @@ pub struct Job<'a> {
     /// What the build was asked for.
     pub options: &'a BuildOptions,
     /// Hears how far the build is, and says whether it is to stop.
-    pub progress: &'a dyn Observer,
+    pub progress: &'a dyn Progress,
 }

@@ -20,7 +20,7 @@ use super::threads::workers;
 use super::window_levels::WindowLevels;
 use crate::error::{Error, Result};
 use crate::output;
-use crate::progress::{Observer, Stage};
+use crate::progress::{Progress, Stage};
 use crate::rect::Rect;
 use crate::work_folder::{Earlier, WorkFolder};
 use crate::writer::ContainerWriter;
@@ -32,7 +32,7 @@ pub fn merge(
     jobs: Option<usize>,
     memory: Option<u64>,
     force: bool,
-    observer: &dyn Observer,
+    progress: &dyn Progress,
 ) -> Result<Report> {
     let start = Instant::now();
     output::check_apart(output, &files(pieces))?;
@@ -43,7 +43,7 @@ pub fn merge(
         check_merge(&plan, windows, memory)?;
         WorkFolder::take(output, force, earlier)
     };
-    join(pieces, work, None, false, observer, start)
+    join(pieces, work, None, false, progress, start)
 }
 
 /// The pieces, and the files in them.
@@ -61,7 +61,7 @@ pub fn join(
     work: impl FnOnce(&Plan, &[Rect]) -> Result<WorkFolder>,
     imagery: Option<&Imagery<'_>>,
     strict: bool,
-    observer: &dyn Observer,
+    progress: &dyn Progress,
     start: Instant,
 ) -> Result<Report> {
     let mut carried = Carried::default();
@@ -94,9 +94,9 @@ pub fn join(
             return Err(Error::format("state", "counts of all levels", "others").at(piece));
         }
     }
-    let done = pass_all(&plan, writer, statistics, carried, observer)?;
+    let done = pass_all(&plan, writer, statistics, carried, progress)?;
     let (info, options) = (&first.info, &BuildOptions { strict, ..first.options.clone() });
-    Assembly { info, plan: &plan, options, imagery, progress: observer, start }.finish(done)
+    Assembly { info, plan: &plan, options, imagery, progress, start }.finish(done)
 }
 
 /// Finishes the tiles that no piece could finish, from what the pieces have carried.
@@ -105,7 +105,7 @@ fn pass_all(
     writer: ContainerWriter,
     statistics: StatisticsBuilder,
     carried: Carried,
-    observer: &dyn Observer,
+    progress: &dyn Progress,
 ) -> Result<Done> {
     let carry = CarryFile::create(writer.store().folder().folder().join("seam-0"))?;
     let all = plan.pyramid.leaves();
@@ -113,11 +113,11 @@ fn pass_all(
     let output = Output { writer, statistics, carry };
     let mut sweep = Sweep::new(plan, &buffers, WindowLevels::new(&plan.pyramid, &all), output, carried);
     for y in all.rows.clone() {
-        if observer.cancelled() {
+        if progress.is_cancelled() {
             return Err(Error::Interrupted);
         }
         sweep.pass(y)?;
-        observer.rows(Stage::Merge, u64::from(y + 1), u64::from(all.rows.end));
+        progress.report(Stage::Merge, u64::from(y + 1), u64::from(all.rows.end));
     }
     sweep.finish()?;
     let Output { writer, statistics, .. } = sweep.into_output();

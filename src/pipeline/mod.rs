@@ -57,4 +57,4 @@ pub use pyramid::Pyramid;
 pub use report::Report;
 pub use threads::workers;
 
-pub use crate::progress::{Observer, Silent, Stage};
+pub use crate::progress::{Progress, Silent, Stage};

@@ -86,7 +86,7 @@ impl Run<'_> {
             let bands = Bands { job: self.job, buffers: self.buffers, window: self.state.window.clone() };
             let mut row = rows.next().map(|y| bands.row(y, self.state.next));
             while let Some(this) = row.take() {
-                if self.job.progress.cancelled() {
+                if self.job.progress.is_cancelled() {
                     return Err(Error::Interrupted);
                 }
                 let (this, next) = (this?, rows.next());
@@ -95,7 +95,7 @@ impl Run<'_> {
                 let (pushed, read) = rayon::join(|| sweep.push(this), || next.map(|y| bands.row(y, first)));
                 pushed?;
                 row = read;
-                self.job.progress.rows(Stage::Build, pyramid.rows_down_to(y), u64::from(pyramid.height));
+                self.job.progress.report(Stage::Build, pyramid.rows_down_to(y), u64::from(pyramid.height));
                 if self.state.window.rows.contains(&y) && y > self.state.next && self.checkpoints.is_due()? {
                     self.checkpoint(y)?;
                 }

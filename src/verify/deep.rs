@@ -8,6 +8,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use rayon::prelude::*;
 
+use super::VerifyOptions;
 use super::full::Full;
 use super::ground::Ground;
 use super::outline::Outline;
@@ -17,13 +18,13 @@ use super::report::{Check, Place, Ratios, Tightness, VerifyReport};
 use super::shape::{Grid, HAS_VALID, Occupancy};
 use super::tiles::Tables;
 use super::vertical::Surfaces;
-use super::{VerifyOptions, Watch, tell};
 use crate::codec::table::ErrorTable;
 use crate::container::directory::TileEntry;
 use crate::container::layout::{Header, Metric};
 use crate::container::reader::Reader;
 use crate::error::{Error, Result};
 use crate::error_code::metres_from_code;
+use crate::progress::{Progress, Stage};
 use crate::sample::Coding;
 use crate::tile::TileId;
 
@@ -35,7 +36,7 @@ pub(super) fn check(
     reader: &Reader,
     tables: &Tables,
     options: &VerifyOptions,
-    progress: Watch,
+    progress: &dyn Progress,
     report: &mut VerifyReport,
 ) -> Result<()> {
     let header = reader.header();
@@ -78,7 +79,7 @@ fn compare_samples(
     reader: &Reader,
     tables: &Tables,
     full: &Full,
-    progress: Watch,
+    progress: &dyn Progress,
     check: &mut Check,
 ) -> Result<()> {
     let entries: Vec<&TileEntry> = tables.by_tile.values().map(|(entry, _)| entry).collect();
@@ -100,7 +101,7 @@ fn compare_samples(
             check.join(part);
             hulls.insert(entry.id, hull);
         }
-        tell(progress, "samples", done, total)?;
+        progress.step(Stage::Samples, done, total)?;
     }
     check_ranges(&entries, hulls, check);
     Ok(())
@@ -138,7 +139,7 @@ fn metres_of_number(header: &Header) -> (f64, f64) {
 
 impl Deep<'_> {
     /// Metric `bound`: no stored error is below the true one.
-    fn bound(&mut self, full: &Full, progress: Watch) -> Result<()> {
+    fn bound(&mut self, full: &Full, progress: &dyn Progress) -> Result<()> {
         let header = self.reader.header();
         let occupancy = Occupancy::of(full);
         let surfaces = Surfaces::new(full, &occupancy);
@@ -148,7 +149,7 @@ impl Deep<'_> {
         let (p, levels) = (u32::from(header.patch_log2), u32::from(header.levels));
         let mut hulls: [Option<Grid>; 2] = [None, None];
         for q in 1..=levels + p {
-            tell(progress, "errors", u64::from(q) - 1, (levels + p).into())?;
+            progress.step(Stage::Errors, u64::from(q) - 1, (levels + p).into())?;
             let group = q.max(p);
             let mut grids = [surfaces.deviations(q, group), outline.displacements(q, group)];
             for (hull, grid) in hulls.iter_mut().zip(&grids) {
@@ -180,13 +181,13 @@ impl Deep<'_> {
     }
 
     /// Metric `paper`: the stored errors are the one-step errors.
-    fn paper(&mut self, full: &Full, progress: Watch) -> Result<()> {
+    fn paper(&mut self, full: &Full, progress: &dyn Progress) -> Result<()> {
         let header = self.reader.header();
         let (metres, quantisation) = metres_of_number(header);
         let mut below = HashMap::new();
         for level in (0..=header.levels).rev() {
             let done = u64::from(header.levels - level);
-            tell(progress, "errors", done, u64::from(header.levels) + 1)?;
+            progress.step(Stage::Errors, done, u64::from(header.levels) + 1)?;
             let tiles: Vec<_> = of_level(self.tables, level).collect();
             let ids: Vec<_> = tiles.iter().map(|(entry, _)| entry.id).collect();
             below = paper::level(self.reader, full, &ids, &below, metres);

@@ -3,22 +3,19 @@
 
 use rayon::prelude::*;
 
+use super::VerifyOptions;
 use super::report::{Check, Place};
-use super::{Progress, VerifyOptions, tell};
 use crate::container::imagery::ImageryEntry;
 use crate::container::reader::ImageryLayer;
 use crate::error::Result;
+use crate::progress::{Progress, Stage};
 
-/// Tiles between two questions whether to go on.
+/// Tiles between two cancellation checks.
 const BATCH: usize = 256;
 
 /// Tiles: they follow one another in storage order, and decode to texels of the size and kind that
 /// the header says.
-pub(super) fn tiles(
-    layer: &ImageryLayer,
-    options: &VerifyOptions,
-    progress: &mut dyn FnMut(Progress) -> bool,
-) -> Result<Check> {
+pub(super) fn tiles(layer: &ImageryLayer, options: &VerifyOptions, progress: &dyn Progress) -> Result<Check> {
     let mut check = Check::new("imagery tiles", "tiles", options.keep);
     let mut entries = Vec::new();
     let walked = layer.walk(&mut |entry| {
@@ -40,7 +37,7 @@ pub(super) fn tiles(
             clear |= is_clear;
         }
         done += batch.len() as u64;
-        tell(progress, "imagery", done, entries.len() as u64)?;
+        progress.step(Stage::Imagery, done, entries.len() as u64)?;
     }
     if check.problems == 0 {
         let (expected, got) = (clear, layer.header().alpha);

@@ -5,10 +5,11 @@ use std::ops::Range;
 
 use super::memory::{BATCH, Shape};
 use super::report::{Check, Place};
-use super::{VerifyOptions, Watch, tell, words};
+use super::{VerifyOptions, words};
 use crate::container::layout::Header;
 use crate::container::reader::Reader;
 use crate::error::Result;
+use crate::progress::{Progress, Stage};
 use crate::sample::{Lattice, SampleType, VALID};
 use crate::source::{Rect, Source};
 use crate::tile::TileId;
@@ -20,7 +21,7 @@ pub(super) fn check(
     source: &dyn Source,
     shape: Shape,
     options: &VerifyOptions,
-    progress: Watch,
+    progress: &dyn Progress,
 ) -> Result<Vec<Check>> {
     let about = check_about(reader, source, options.keep);
     let mut samples = Check::new("source samples", "samples", options.keep);
@@ -49,7 +50,7 @@ pub(super) fn check(
             }
         }
         row = south;
-        tell(progress, "source", row.into(), header.height.into())?;
+        progress.step(Stage::Source, row.into(), header.height.into())?;
     }
     Ok(vec![about, samples])
 }

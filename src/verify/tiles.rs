@@ -13,12 +13,13 @@ use super::range::Hull;
 use super::report::{Check, Place};
 use super::statistics::Recount;
 use super::tables::{above, check_drawable, check_index, check_parent, check_table};
-use super::{VerifyOptions, Watch, hints, tell, values};
+use super::{VerifyOptions, hints, values};
 use crate::codec::table::ErrorTable;
 use crate::container::directory::{ChunkKind, TileEntry};
 use crate::container::layout::Header;
 use crate::container::reader::Reader;
 use crate::error::{Error, Result};
+use crate::progress::{Progress, Stage};
 use crate::sample::{Lattice, VALID};
 use crate::tile::TileId;
 
@@ -62,7 +63,7 @@ struct Node {
 pub(super) fn check(
     reader: &Reader,
     options: &VerifyOptions,
-    progress: Watch,
+    progress: &dyn Progress,
 ) -> Result<(Tables, Vec<Check>)> {
     let mut walk = Walk::new(reader, options);
     let total = reader.header().tile_count;
@@ -70,12 +71,12 @@ pub(super) fn check(
         walk.batch.push(*entry);
         if walk.batch.len() == BATCH {
             walk.work_off()?;
-            tell(progress, "tiles", walk.done, total)?;
+            progress.step(Stage::Tiles, walk.done, total)?;
         }
         Ok(())
     });
     walk.work_off()?;
-    tell(progress, "tiles", walk.done, total)?;
+    progress.step(Stage::Tiles, walk.done, total)?;
     let counted = walk.index.take(walked, Place::of("index"))?.is_some();
     walk.finish(counted)
 }

@@ -14,22 +14,23 @@ use crate::container::opening::{OPENING_BYTES, Opening};
 use crate::container::sections::{IMAGERY, IMAGERY_PAGES, IMAGERY_TILES, METADATA, ROOT_PAGE, SectionEntry};
 use crate::error::{Error, Result};
 use crate::file::Identity;
+use crate::progress::{Progress, Stage};
 use crate::work_folder::WorkFolder;
 
-/// Bytes copied between two questions whether to go on.
+/// Bytes copied between two cancellation checks.
 const AT_ONCE: u64 = 64 << 20;
 
 /// Writes the file that `work` is for anew, with this layer, and lets it take the place of the old
 /// one: there is a whole file at any time. The file must be as it was when the folder was taken.
-/// Returns its length. Stops with [`Error::Interrupted`] when `go_on`, told bytes written and their
-/// total, says no, and with the error of `inspect`, which is shown the whole file before it takes
+/// Returns its length. Fails with [`Error::Interrupted`] if `progress`, which hears of the bytes
+/// copied, says so, and with the error of `inspect`, which is shown the whole file before it takes
 /// that place.
 pub fn put_imagery(
     work: &mut WorkFolder,
     imagery: &ImagerySections,
     note: &ImageryNote,
     inspect: &dyn Fn(&Path) -> Result<()>,
-    go_on: &mut dyn FnMut(u64, u64) -> bool,
+    progress: &dyn Progress,
 ) -> Result<u64> {
     let input = work.output().to_owned();
     let failed = |source| Error::io(&input, "read it", source);
@@ -45,7 +46,7 @@ pub fn put_imagery(
     let plan = Plan::new(&start, length, imagery, note).map_err(|error| error.at(&input))?;
     let path = work.path("assembled");
     if !plan
-        .write(&mut file, &path, imagery, go_on)
+        .write(&mut file, &path, imagery, progress)
         .map_err(|source| work.failed("write the file", source))?
     {
         return Err(Error::Interrupted);
@@ -108,7 +109,7 @@ impl Plan {
         old: &mut File,
         path: &Path,
         imagery: &ImagerySections,
-        go_on: &mut dyn FnMut(u64, u64) -> bool,
+        progress: &dyn Progress,
     ) -> io::Result<bool> {
         let mut out = BufWriter::with_capacity(1 << 20, File::create(path)?);
         out.write_all(&self.opening.encode())?;
@@ -126,7 +127,7 @@ impl Plan {
                 }
                 left -= bytes;
                 done += bytes;
-                if !go_on(done, self.opening.file_length) {
+                if !progress.goes_on(Stage::Write, done, self.opening.file_length) {
                     return Ok(false);
                 }
             }

@@ -21,6 +21,7 @@ use crate::container::metadata::{Metadata, Statistics};
 use crate::container::opening::Opening;
 use crate::container::sections;
 use crate::error::{Error, Result};
+use crate::progress::{Progress, Silent, Stage};
 use crate::work_folder::{BUFFER, Earlier, Mark, TileStore, WorkFolder};
 
 /// Tiles copied between two cancellation checks.
@@ -153,11 +154,11 @@ impl ContainerWriter {
         metadata: &Metadata,
         statistics: &Statistics,
     ) -> Result<FileSummary> {
-        self.finish_while(header, metadata, statistics, &|_| Ok(()), &mut |_, _| true)
+        self.finish_while(header, metadata, statistics, &|_| Ok(()), &Silent)
     }
 
-    /// [`ContainerWriter::finish`], but stops with [`Error::Interrupted`] when `go_on`, told the
-    /// tiles copied and their total, says no, and with the error of `inspect`, which is shown the
+    /// [`ContainerWriter::finish`], but fails with [`Error::Interrupted`] if `progress`, which
+    /// hears of the tiles copied, says so, and with the error of `inspect`, which is shown the
     /// whole file before it gets its name.
     pub fn finish_while(
         mut self,
@@ -165,7 +166,7 @@ impl ContainerWriter {
         metadata: &Metadata,
         statistics: &Statistics,
         inspect: &dyn Fn(&Path) -> Result<()>,
-        go_on: &mut dyn FnMut(u64, u64) -> bool,
+        progress: &dyn Progress,
     ) -> Result<FileSummary> {
         self.store.check()?;
         let header = Header { tile_count: self.tree.count(), ..header.clone() };
@@ -188,7 +189,7 @@ impl ContainerWriter {
         let bytes = |kind| opening.sections.iter().find(|s| s.kind == kind).map_or(0, |s| s.length);
         let parts = (small.as_slice(), index.pages.as_slice());
         if !self
-            .assemble(&path, &opening, parts, &sources, go_on)
+            .assemble(&path, &opening, parts, &sources, progress)
             .map_err(|source| self.store.folder().failed("write the file", source))?
         {
             return Err(Error::Interrupted);
@@ -215,7 +216,7 @@ impl ContainerWriter {
         opening: &Opening,
         (small, pages): (&[(u32, Vec<u8>)], &[u8]),
         sources: &[Vec<u64>],
-        go_on: &mut dyn FnMut(u64, u64) -> bool,
+        progress: &dyn Progress,
     ) -> io::Result<bool> {
         let Some(tiles) = opening.sections.iter().find(|section| section.kind == sections::TILES) else {
             return Err(io::Error::other("there is no section for the tiles"));
@@ -238,7 +239,7 @@ impl ContainerWriter {
                     chunks.copy_tiles(entries, sources, &file, tiles.offset)
                 })?;
                 done += entries.len() as u64;
-                if !go_on(done, total) {
+                if !progress.goes_on(Stage::Write, done, total) {
                     return Ok(false);
                 }
             }

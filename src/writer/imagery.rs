@@ -17,10 +17,11 @@ use crate::container::imagery::{ImageryEntry, ImageryHeader};
 use crate::container::sections;
 use crate::error::{Error, Result};
 use crate::file::read_exact_at;
+use crate::progress::{Progress, Stage};
 use crate::tile::TileId;
 use crate::work_folder::{BUFFER, open_file, spent};
 
-/// Tiles worked on between two questions whether to go on.
+/// Tiles worked on between two cancellation checks.
 const TILES_AT_ONCE: usize = 128;
 
 /// Takes the tiles of a layer.
@@ -131,9 +132,9 @@ impl ImageryWriter {
         Error::io(self.folder.join("imagery-chunks"), action, source)
     }
 
-    /// Puts the tiles in their places. Stops with [`Error::Interrupted`] when `go_on`, told the
-    /// tiles done and their total, says no.
-    pub fn finish(self, go_on: &mut dyn FnMut(u64, u64) -> bool) -> Result<ImagerySections> {
+    /// Puts the tiles in their places. Fails with [`Error::Interrupted`] if `progress`, which hears
+    /// of the tiles that are done, says so.
+    pub fn finish(self, progress: &dyn Progress) -> Result<ImagerySections> {
         let Self { folder, mut header, tables, inner } = self;
         let Inner { file, mut tree, histograms, alpha, failed, .. } =
             inner.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -164,9 +165,7 @@ impl ImageryWriter {
                     out.write_all(&chunk).map_err(io_error)?;
                 }
                 done += rows.len() as u64;
-                if !go_on(done, header.tiles) {
-                    return Err(Error::Interrupted);
-                }
+                progress.step(Stage::Write, done, header.tiles)?;
             }
             levels.push((tree.level(level).len() as u64, end - start));
         }

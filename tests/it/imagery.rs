@@ -4,6 +4,7 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use assert_cmd::Command;
 use relevo::codec::imagery::{self, Codec, ImageryChunks};
@@ -24,6 +25,8 @@ use relevo::writer::{ImagerySections, ImageryWriter};
 use relevo::{Error, TileId, source};
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
+
+use crate::support::progress::While;
 
 const TILE: usize = 64;
 const GUTTER: usize = 2;
@@ -122,7 +125,7 @@ impl World {
                 });
             }
         });
-        writer.finish(&mut |_, _| true).expect("finish")
+        writer.finish(&Silent).expect("finish")
     }
 }
 
@@ -134,7 +137,7 @@ fn note() -> ImageryNote {
 fn put(path: &Path, world: &World, codec: Codec, seed: usize) {
     let mut work = WorkFolder::take(path, true, Earlier::Refuse).expect("work folder");
     let layer = world.layer(codec, work.folder(), seed);
-    put_imagery(&mut work, &layer, &note(), &|_| Ok(()), &mut |_, _| true).expect("put");
+    put_imagery(&mut work, &layer, &note(), &|_| Ok(()), &Silent).expect("put");
 }
 
 fn section(path: &Path, kind: u32) -> Option<Vec<u8>> {
@@ -196,7 +199,7 @@ fn a_layer_comes_back_and_the_heights_stay() {
             level
         });
         assert_eq!(layer.entry(TileId::new(5, 0, 0)).expect("index"), None);
-        let report = verify(&reader, None, &VerifyOptions::default(), &mut |_| true).expect("verify");
+        let report = verify(&reader, None, &VerifyOptions::default(), &Silent).expect("verify");
         assert!(report.is_good(), "{codec}: {:?}", report.checks);
         assert_eq!(report.check("imagery tiles").map(|check| check.looked_at), Some(tiles.len() as u64));
         let after: Vec<_> = [2, 3, 4, 5].map(|kind| section(&path, kind)).into_iter().collect();
@@ -275,22 +278,20 @@ fn tiles_that_are_no_tree_are_refused() {
     writer.append(TileId::ROOT, 1, &chunks).expect("append");
     assert!(writer.append(TileId::ROOT, 1, &chunks).is_err(), "twice");
     assert!(writer.append(TileId::new(1, 2, 0), 0, &chunks).is_err(), "outside");
-    assert!(writer.finish(&mut |_, _| true).is_err(), "a child that did not come");
+    assert!(writer.finish(&Silent).is_err(), "a child that did not come");
     let writer = begin();
     writer.append(TileId::ROOT, 0, &chunks).expect("append");
     writer.append(TileId::ROOT.child(0), 0, &chunks).expect("append");
-    assert!(writer.finish(&mut |_, _| true).is_err(), "a child that is not named");
-    assert!(begin().finish(&mut |_, _| true).is_err(), "no root");
+    assert!(writer.finish(&Silent).is_err(), "a child that is not named");
+    assert!(begin().finish(&Silent).is_err(), "no root");
     let stopped = begin();
     stopped.append(TileId::ROOT, 0, &chunks).expect("append");
-    assert!(matches!(stopped.finish(&mut |_, _| false), Err(Error::Interrupted)));
+    assert!(matches!(stopped.finish(&While::new(|_, _| false)), Err(Error::Interrupted)));
     let odd = ImageryHeader { tile: 62, ..world.header(Codec::Png) };
     assert!(ImageryWriter::create(folder.path(), odd).is_err());
     let other = ImageryChunks { colour: vec![1], ..ImageryChunks::default() };
     let jpeg = ImageryWriter::create(folder.path(), world.header(Codec::Jpeg)).expect("writer");
-    assert!(
-        jpeg.append(TileId::ROOT, 0, &other).is_ok_and(|()| true) || jpeg.finish(&mut |_, _| true).is_err()
-    );
+    assert!(jpeg.append(TileId::ROOT, 0, &other).is_ok_and(|()| true) || jpeg.finish(&Silent).is_err());
 }
 
 #[test]
@@ -303,11 +304,9 @@ fn an_add_that_fails_leaves_the_old_file() {
     for stop_at in 0..2 {
         let mut work = WorkFolder::take(&path, true, Earlier::Refuse).expect("work folder");
         let layer = world.layer(Codec::Jpeg, work.folder(), 0);
-        let mut calls = 0;
-        let stopped = put_imagery(&mut work, &layer, &note(), &|_| Ok(()), &mut |_, _| {
-            calls += 1;
-            calls <= stop_at
-        });
+        let calls = AtomicU32::new(0);
+        let progress = While::new(|_, _| calls.fetch_add(1, Ordering::Relaxed) < stop_at);
+        let stopped = put_imagery(&mut work, &layer, &note(), &|_| Ok(()), &progress);
         assert!(matches!(stopped, Err(Error::Interrupted)), "{stop_at}");
         assert!(WorkFolder::take(&path, true, Earlier::Refuse).is_err(), "two at a time");
         drop(work);
@@ -317,10 +316,7 @@ fn an_add_that_fails_leaves_the_old_file() {
     let mut work = WorkFolder::take(&path, true, Earlier::Refuse).expect("work folder");
     let layer = world.layer(Codec::Jpeg, work.folder(), 0);
     let long = ImageryNote { tool: "x".repeat(70_000), ..note() };
-    assert!(matches!(
-        put_imagery(&mut work, &layer, &long, &|_| Ok(()), &mut |_, _| true),
-        Err(Error::Limit { .. })
-    ));
+    assert!(matches!(put_imagery(&mut work, &layer, &long, &|_| Ok(()), &Silent), Err(Error::Limit { .. })));
     drop(work);
     assert!(fs::read(&path).expect("file") == before && !work_path.exists());
 }

@@ -10,10 +10,13 @@ use proptest::prelude::*;
 use relevo::geo::{Crs, Geo};
 use relevo::imagery::{self, GUTTER, Resolution, TexelGrid, TileSink};
 use relevo::limits::Limits;
+use relevo::pipeline::Silent;
 use relevo::source::picture::{self, Picture, PictureInfo, PictureNote, PictureOptions, Pixels};
 use relevo::source::{self, Fingerprint};
 use relevo::texel::{Colour, Texels};
 use relevo::{Error, TileId};
+
+use crate::support::progress::While;
 
 /// A lattice that fills its root square, whatever it is.
 const ALL: (u32, u32) = (u32::MAX, u32::MAX);
@@ -121,10 +124,17 @@ fn build_over(
         pictures.iter().map(|picture| Box::new(picture.clone()) as Box<dyn Picture>).collect();
     let shelf = Shelf::default();
     let grid = TexelGrid { tile: TILE, intervals, samples };
-    let report = imagery::build(&pictures, geo, &grid, Resolution::Closest, &shelf, &|done, total| {
-        assert!(done <= total);
-        true
-    })?;
+    let report = imagery::build(
+        &pictures,
+        geo,
+        &grid,
+        Resolution::Closest,
+        &shelf,
+        &While::new(|done, total| {
+            assert!(done <= total);
+            true
+        }),
+    )?;
     let tiles = shelf.0.into_inner().expect("alone");
     for (level, &count) in report.tiles.iter().enumerate() {
         assert_eq!(tiles.keys().filter(|id| usize::from(id.level) == level).count() as u64, count);
@@ -475,8 +485,14 @@ fn who_wants_to_stop_is_heard() {
     let pictures: Vec<Box<dyn Picture>> = vec![Box::new(picture)];
     let grid = TexelGrid { tile: TILE, intervals: 64, samples: ALL };
     let shelf = Shelf::default();
-    let stopped =
-        imagery::build(&pictures, &lattice(), &grid, Resolution::Closest, &shelf, &|done, _| done < 5);
+    let stopped = imagery::build(
+        &pictures,
+        &lattice(),
+        &grid,
+        Resolution::Closest,
+        &shelf,
+        &While::new(|done, _| done < 5),
+    );
     assert!(matches!(stopped, Err(Error::Interrupted)));
     assert!(shelf.0.into_inner().expect("alone").len() < 20);
 }
@@ -589,7 +605,7 @@ fn four_million_texels_of_width_with_little_in_them() {
     let pictures: Vec<Box<dyn Picture>> = vec![Box::new(Archipelago { info })];
     let shelf = Shelf::default();
     let grid = TexelGrid { tile: TILE, intervals: 1 << 22, samples: ALL };
-    let report = imagery::build(&pictures, &lattice(), &grid, Resolution::Closest, &shelf, &|_, _| true);
+    let report = imagery::build(&pictures, &lattice(), &grid, Resolution::Closest, &shelf, &Silent);
     let report = report.expect("tiles");
     check_structure(&shelf.0.into_inner().expect("alone"));
     // 5 x 4 islands of 700 x 700, that touch 11 or 12 tiles along each side.
@@ -618,8 +634,7 @@ fn real(name: &str, geo: &Geo, intervals: u64) -> Option<(Tiles, imagery::Pyrami
     let pictures = open(&shared(name)?, &geo.crs);
     let shelf = Shelf::default();
     let grid = TexelGrid { tile: TILE, intervals, samples: ALL };
-    let report =
-        imagery::build(&pictures, geo, &grid, Resolution::Closest, &shelf, &|_, _| true).expect("tiles");
+    let report = imagery::build(&pictures, geo, &grid, Resolution::Closest, &shelf, &Silent).expect("tiles");
     let tiles = shelf.0.into_inner().expect("alone");
     check_structure(&tiles);
     Some((tiles, report))

@@ -213,14 +213,14 @@ fn few_files_may_be_open() {
 fn imagery_is_not_laid_over_another_terrain() {
     use relevo::limits::Limits;
     use relevo::pipeline::imagery::{LayerOptions, add};
-    use relevo::pipeline::{Observer, Stage};
+    use relevo::pipeline::{Progress, Stage};
     use relevo::source::picture::{PictureOptions, open_all};
 
     /// Puts another file in the place of the one that is worked on, once its imagery is being
     /// written.
     struct Replace(PathBuf, PathBuf);
-    impl Observer for Replace {
-        fn rows(&self, stage: Stage, _: u64, _: u64) {
+    impl Progress for Replace {
+        fn report(&self, stage: Stage, _: u64, _: u64) {
             if stage == Stage::Write && self.1.exists() {
                 fs::rename(&self.1, &self.0).expect("rename");
             }

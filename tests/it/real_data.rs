@@ -43,7 +43,7 @@ fn checked(dem: &Path, options: &BuildOptions, deep: bool) -> (VerifyReport, u64
     pipeline::build(&*source, &output, options, &Silent).expect("build");
     let reader = Reader::open(&output).expect("open");
     let how = VerifyOptions { deep, ..VerifyOptions::default() };
-    let report = verify(&reader, Some(&*source), &how, &mut |_| true).expect("verify");
+    let report = verify(&reader, Some(&*source), &how, &Silent).expect("verify");
     let problems: Vec<_> = report.checks.iter().flat_map(|check| &check.first).collect();
     assert!(report.is_good(), "{} with {options:?}: {problems:#?}", dem.display());
     (report, reader.file_len())

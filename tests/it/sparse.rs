@@ -189,6 +189,6 @@ fn a_strip_in_a_raster_of_2_to_the_22_costs_what_it_holds() {
         let row = reader.row(17, y).expect("row");
         assert!(row.into_iter().eq(tiles.iter().filter(|tile| tile.1 == y).map(|tile| tile.0)), "row {y}");
     }
-    let report = verify(&reader, Some(&source), &VerifyOptions::default(), &mut |_| true).expect("verify");
+    let report = verify(&reader, Some(&source), &VerifyOptions::default(), &Silent).expect("verify");
     assert!(report.is_good(), "{:?}", report.checks);
 }

@@ -11,7 +11,7 @@ use relevo::Rect;
 use relevo::geo::Geo;
 use relevo::geotiff_write::{GeotiffSpec, GeotiffWriter};
 use relevo::limits::Limits;
-use relevo::pipeline::{self, BuildOptions, Observer, Silent, Stage, column_passes};
+use relevo::pipeline::{self, BuildOptions, Progress, Silent, Stage, column_passes};
 use relevo::sample::SampleType;
 use relevo::source::{self, Samples, Source};
 
@@ -37,10 +37,10 @@ fn dem(path: &Path, nodata: f64, unit: f64) {
 /// Stops after some bands.
 struct StopAfter(AtomicU64);
 
-impl Observer for StopAfter {
-    fn rows(&self, _: Stage, _: u64, _: u64) {}
+impl Progress for StopAfter {
+    fn report(&self, _: Stage, _: u64, _: u64) {}
 
-    fn cancelled(&self) -> bool {
+    fn is_cancelled(&self) -> bool {
         self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).is_err()
     }
 }

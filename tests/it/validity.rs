@@ -68,7 +68,7 @@ fn round_trip(folder: &Path, path: &Path, options: &OpenOptions) -> Vec<Option<f
         BuildOptions { tile: 16, patch: 4, force: true, nodata: options.nodata, ..BuildOptions::default() };
     pipeline::build(&*source, &output, &build, &Silent).expect("build");
     let reader = Reader::open(&output).expect("reader");
-    let report = verify(&reader, Some(&*source), &VerifyOptions::default(), &mut |_| true).expect("verify");
+    let report = verify(&reader, Some(&*source), &VerifyOptions::default(), &Silent).expect("verify");
     assert!(report.is_good(), "{}: {:?}", path.display(), report.checks);
     let to = relevo(folder, &["export", "out.rlv", "-o", "out.tif", "--force"]);
     assert!(to.status.success(), "{}", told(&to));

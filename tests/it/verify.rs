@@ -7,6 +7,7 @@ pub mod statements;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use crate::support::progress::While;
 use crate::support::terrain::{self, Kind, Memory};
 use proptest::prelude::*;
 use relevo::TileId;
@@ -44,7 +45,7 @@ fn report(path: &Path, source: Option<&Memory>, deep: bool) -> VerifyReport {
         Err(error) => return refused(error).unwrap(),
     };
     let options = VerifyOptions { deep, ..VerifyOptions::default() };
-    verify(&reader, source.map(|s| s as &dyn Source), &options, &mut |_| true).unwrap()
+    verify(&reader, source.map(|s| s as &dyn Source), &options, &Silent).unwrap()
 }
 
 fn words(report: &VerifyReport) -> String {
@@ -559,7 +560,7 @@ fn every_flipped_bit_is_found() {
                 continue;
             }
         };
-        let report = verify(&reader, None, &VerifyOptions::default(), &mut |_| true).unwrap();
+        let report = verify(&reader, None, &VerifyOptions::default(), &Silent).unwrap();
         assert!(!report.is_good(), "bit {} of byte {at} of {}", at % 8, whole.len());
     }
 }
@@ -592,9 +593,9 @@ fn too_large_for_a_deep_look_is_an_error_and_a_stop_is_heard() {
     let (_, file) = usual();
     let reader = Reader::open(&file.path).unwrap();
     let options = VerifyOptions { deep: true, max_deep_samples: 7999, ..VerifyOptions::default() };
-    let error = verify(&reader, None, &options, &mut |_| true).unwrap_err();
+    let error = verify(&reader, None, &options, &Silent).unwrap_err();
     assert!(matches!(error, relevo::Error::Limit { got: 8000, max: 7999, .. }), "{error}");
-    let stopped = verify(&reader, None, &options, &mut |_| false).unwrap_err();
+    let stopped = verify(&reader, None, &options, &While::new(|_, _| false)).unwrap_err();
     assert!(matches!(stopped, relevo::Error::Interrupted));
 }
 

@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "not every test needs all of it")]
 
+pub mod progress;
 pub mod selection;
 pub mod terrain;
 pub mod truth;
