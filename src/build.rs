@@ -6,7 +6,7 @@ use crate::container::layout::Metric;
 use crate::error::Result;
 use crate::pipeline::imagery::{Imagery, LayerOptions};
 use crate::pipeline::{self, BuildOptions, Plan, Report};
-use crate::progress::{Observer, Silent};
+use crate::progress::{Progress, Silent};
 use crate::rect::Rect;
 use crate::source::Source;
 use crate::source::picture::Picture;
@@ -31,7 +31,7 @@ pub struct Build<'a> {
     source: &'a dyn Source,
     options: BuildOptions,
     imagery: Option<Imagery<'a>>,
-    progress: &'a dyn Observer,
+    progress: &'a dyn Progress,
 }
 
 impl<'a> Build<'a> {
@@ -119,7 +119,7 @@ impl<'a> Build<'a> {
 
     /// What hears how far the build is, and says whether it is to stop.
     #[must_use]
-    pub fn progress(mut self, progress: &'a dyn Observer) -> Self {
+    pub fn progress(mut self, progress: &'a dyn Progress) -> Self {
         self.progress = progress;
         self
     }

@@ -78,7 +78,7 @@ pub use pipeline::imagery::{LayerOptions, add as add_imagery};
 #[doc(inline)]
 pub use pipeline::{BuildOptions, Plan, Report, merge};
 #[doc(inline)]
-pub use progress::{Observer, Silent, Stage};
+pub use progress::{Progress, Silent, Stage};
 pub use rect::Rect;
 use relevo_core::lru;
 pub use relevo_core::{
