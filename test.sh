@@ -121,16 +121,18 @@ runner=(cargo test --no-fail-fast --lib --bins --tests --examples)
 once=()
 if cargo nextest --version >/dev/null 2>&1; then
     runner=(cargo nextest run --no-fail-fast)
-    behind='container|golden|vectors|verify|horizontal|half_steps|observed|select|real_data|memory|resume|pieces'
+    behind='comments|container|each|imagery|layers|reader_scale|spec|golden|vectors|verify|horizontal|half_steps|observed|select|real_data|memory|resume|pieces'
     behind+='|state|sparse|export|hillshade|geotiff_write|imagery_pyramid|fuzz_corpus|cli_pages|cli_json|hostile_text'
     once=(-E "binary(it) - test(/^($behind)::/) + kind(lib) & test(/^source::/)")
 fi
 
 run fmt cargo fmt --all --check
 run clippy cargo clippy --locked --workspace --all-targets -- -D warnings
-run clippy-all-features cargo clippy --locked --workspace --all-targets --all-features -- -D warnings
-run test "${runner[@]}" --locked --workspace --features relevo-core/ruzstd
-# (The viewer reads what is built, and has no such feature.)
+# Features are those of the two crates; the viewer has none.
+run clippy-features cargo clippy --locked --package relevo --package relevo-core --all-targets --all-features -- -D warnings
+# A reader without features, and without a C compiler.
+run core cargo clippy --locked --package relevo-core --no-default-features --features ruzstd -- -D warnings
+run test "${runner[@]}" --locked --workspace
 run test-gdal "${runner[@]}" --locked --package relevo --features gdal "${once[@]}"
 run doctest cargo test --locked --workspace --doc --no-fail-fast
 run doc env RUSTDOCFLAGS='-D warnings' cargo doc --locked --workspace --no-deps --document-private-items

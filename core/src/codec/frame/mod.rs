@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 mod compress;
 #[cfg(feature = "libzstd")]
 mod libzstd;
-#[cfg(any(all(feature = "ruzstd", not(feature = "libzstd")), all(feature = "ruzstd", test)))]
+#[cfg(any(test, all(feature = "ruzstd", not(feature = "libzstd"))))]
 mod ruzstd;
 
 #[cfg(feature = "write")]
@@ -91,7 +91,6 @@ mod tests {
     }
 
     /// Both libraries give the same content, and refuse the same frames.
-    #[cfg(feature = "ruzstd")]
     #[test]
     fn two_libraries_read_the_same() {
         let noise = |count: usize, of: u64| {
