@@ -254,6 +254,40 @@ fn encoded_pictures_that_are_damaged_are_refused() {
     }
 }
 
+/// A JPEG block whose byte count is too small: GDAL warns and reads grey, here it is an error.
+#[test]
+fn jpeg_blocks_that_are_cut_off_are_refused() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/imagery/rmnp_rgb.tif");
+    let folder = tempfile::tempdir().expect("folder");
+    let path = folder.path().join("cut.tif");
+    for words in [
+        &["-a_nodata", "none", "-co", "COMPRESS=JPEG", "-co", "TILED=YES"][..],
+        &["-a_nodata", "none", "-co", "COMPRESS=JPEG", "-co", "PHOTOMETRIC=YCBCR"],
+    ] {
+        if !run("gdal_translate", words, &source, &path) {
+            return;
+        }
+        read(&path, &PictureOptions::default());
+        let mut bytes = fs::read(&path).expect("bytes");
+        let u32_at = |bytes: &[u8], at: usize| {
+            u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes")) as usize
+        };
+        let directory = u32_at(&bytes, 4);
+        let entries = usize::from(u16::from_le_bytes([bytes[directory], bytes[directory + 1]]));
+        let tag = |at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
+        let counts = (0..entries).map(|n| directory + 2 + 12 * n).find(|&at| matches!(tag(at), 279 | 325));
+        let counts = counts.expect("byte counts");
+        let size = if bytes[counts + 2] == 3 { 2 } else { 4 };
+        let (at, first) = (u32_at(&bytes, counts + 8), u32_at(&bytes, u32_at(&bytes, counts + 8)));
+        let first = if size == 2 { first & 0xFFFF } else { first };
+        bytes[at..at + size].copy_from_slice(&(first as u32 / 2).to_le_bytes()[..size]);
+        fs::write(&path, &bytes).expect("written");
+        let picture = open_with(&path, &PictureOptions::default()).expect("its tags are good");
+        let read = picture.read_window(0..10, 0..10);
+        assert!(read.is_err_and(|error| error.to_string().contains("cut.tif")), "{words:?}");
+    }
+}
+
 #[test]
 fn the_world_in_ycbcr() {
     let Some(source) = shared("bmng_world_5400x2700_geo.tif") else { return };

@@ -26,10 +26,11 @@ pub(super) fn decode(
     let bands = layout.bands as usize;
     let stream = join(tables, packed);
     check(&stream, Some(bands), name)?;
+    // Otherwise what is missing of a block that is cut off would be grey, without a word.
     let options = DecoderOptions::new_fast()
         .set_max_width(usize::from(u16::MAX))
         .set_max_height(usize::from(u16::MAX))
-        .set_strict_mode(false);
+        .set_strict_mode(true);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(&stream), options);
     let damaged = |error: &dyn std::fmt::Display| Error::format(name(), "a JPEG", error);
     decoder.decode_headers().map_err(|error| damaged(&error))?;
