@@ -1,25 +1,29 @@
-//! Cameras, in double precision: a pose on the lattice, where a view will be soon, and the fly and orbit controls.
+//! Cameras, in double precision: a pose on the lattice, where a view will be soon, and the fly and
+//! orbit controls.
 
 use relevo_core::select::{Frame, View};
 
-/// Vertical field of view unless told otherwise, degrees.
+/// Default vertical field of view, degrees.
 pub const FOV: f64 = 50.0;
 /// Highest pitch of the controls, radians: just short of straight up.
 const STEEPEST: f64 = 1.55;
 
-/// Where a camera stands and what it looks at: column, row and height in metres, whatever the exaggeration. That raises the target, which
-/// is a place of the terrain, and moves the camera along: how far above the target it stands is never exaggerated, or the terrain would
-/// leave the picture.
+/// Where a camera stands and what it looks at: column, row and height in metres, independent of the
+/// exaggeration.
+///
+/// Exaggeration raises the target, which is a place of the terrain, and the eye by as much. The
+/// height of the eye above the target is not exaggerated: otherwise the terrain would leave the
+/// picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// Where it stands.
+    /// Where the camera stands.
     pub eye: [f64; 3],
     /// What is in the middle of the picture.
     pub target: [f64; 3],
 }
 
 impl Pose {
-    /// The pose with eye and target at these places of the frame.
+    /// Returns the pose whose eye and target are at these places of the frame.
     pub fn of(frame: &Frame, eye: [f64; 3], target: [f64; 3]) -> Self {
         let [column, row, _] = frame.lattice(eye);
         let above = eye[2] - target[2];
@@ -27,7 +31,7 @@ impl Pose {
         Self { eye: [column, row, target[2] + above], target }
     }
 
-    /// Where eye and target are in the frame.
+    /// Returns the places of eye and target in the frame.
     pub fn places(&self, frame: &Frame) -> ([f64; 3], [f64; 3]) {
         let [column, row, height] = self.target;
         let target = frame.position(column, row, height);
@@ -35,30 +39,34 @@ impl Pose {
         ([x, y, target[2] + (self.eye[2] - height)], target)
     }
 
-    /// What it sees; `fov` is the vertical field of view in degrees, `size` in pixels.
+    /// Returns the view from this pose; `fov` is the vertical field of view in degrees, `size` in
+    /// pixels.
     pub fn view(&self, frame: &Frame, fov: f64, size: (u32, u32)) -> View {
         let (eye, target) = self.places(frame);
         View::look_at(eye, target, fov.to_radians(), size, near(frame))
     }
 }
 
-/// Metres to the near plane: a twentieth of a sample's spacing. The depth buffer is reversed floats, so a small one costs nothing.
+/// Returns the distance of the near plane in metres: a twentieth of a sample's spacing. The depth
+/// buffer holds reversed floats, so a near plane close to the eye costs no precision.
 pub fn near(frame: &Frame) -> f64 {
     0.05 * frame.dx.min(frame.dy)
 }
 
-/// The view `ahead` seconds from now, if the camera goes on to move and turn as it did in the `elapsed` seconds between two views.
+/// Returns the view `ahead` seconds from now, if the camera goes on to move and turn as it did in
+/// the `elapsed` seconds between two views.
 pub fn predict(before: &View, now: &View, elapsed: f64, ahead: f64) -> View {
     if elapsed <= 0.0 || !elapsed.is_finite() {
         return *now;
     }
-    // A hitch of a few milliseconds must not fling the prediction away.
+    // After a very short frame the motion must not be extrapolated too far.
     let factor = (ahead / elapsed).min(60.0);
     let onwards =
         |a: [f64; 3], b: [f64; 3]| -> [f64; 3] { std::array::from_fn(|i| b[i] + (b[i] - a[i]) * factor) };
     let eye = onwards(before.eye, now.eye);
     let turn = angle(before.forward, now.forward) * factor;
-    // A turn is a straight line of the direction only while it is small; a wide one is cut off at about 60 degrees.
+    // A turn is a straight line of the direction only while it is small; a wide one is cut off at
+    // about 60 degrees.
     let limit = if turn > 1.0 { factor / turn } else { factor };
     let forward: [f64; 3] =
         std::array::from_fn(|i| now.forward[i] + (now.forward[i] - before.forward[i]) * limit);
@@ -72,7 +80,8 @@ fn angle(a: [f64; 3], b: [f64; 3]) -> f64 {
     (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).clamp(-1.0, 1.0).acos()
 }
 
-/// True if a picture of one differs from a picture of the other by more than its last hundredth of a pixel.
+/// Returns true if a point on the screen moves by more than about a hundredth of a pixel from one
+/// view to the other.
 pub fn moved(before: &View, now: &View) -> bool {
     let turned = (0..3).any(|i| (before.forward[i] - now.forward[i]).abs() > 1e-6);
     let sizes = (before.width, before.height) != (now.width, now.height);
@@ -88,7 +97,7 @@ pub enum Mode {
     Orbit,
 }
 
-/// A camera under control of keys and mouse, in metres of the frame as drawn.
+/// A camera that keys and mouse control, in metres of the frame as drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rig {
     /// What a drag does.
@@ -104,7 +113,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// Stands where a pose stands and looks where it looks.
+    /// Returns a rig with the eye and the target of a pose.
     pub fn new(pose: &Pose, frame: &Frame) -> Self {
         let (eye, target) = pose.places(frame);
         let d: [f64; 3] = std::array::from_fn(|i| target[i] - eye[i]);
@@ -114,7 +123,7 @@ impl Rig {
         Self { mode: Mode::Fly, eye, yaw, pitch, distance }
     }
 
-    /// Unit vector into the picture.
+    /// Returns the unit vector of the direction of view.
     pub fn forward(&self) -> [f64; 3] {
         let (sy, cy) = self.yaw.sin_cos();
         let (sp, cp) = self.pitch.sin_cos();
@@ -126,12 +135,12 @@ impl Rig {
         std::array::from_fn(|i| self.eye[i] + forward[i] * metres)
     }
 
-    /// The pose on the lattice of `frame`.
+    /// Returns the pose on the lattice of `frame`.
     pub fn pose(&self, frame: &Frame) -> Pose {
         Pose::of(frame, self.eye, self.ahead(self.distance))
     }
 
-    /// Turns by angles in radians: the look of a flight, the way round of an orbit.
+    /// Turns the camera by angles in radians: in flight about the eye, in an orbit about the pivot.
     pub fn turn(&mut self, right: f64, up: f64) {
         let pivot = self.ahead(self.distance);
         self.yaw = (self.yaw + right) % std::f64::consts::TAU;
@@ -142,7 +151,7 @@ impl Rig {
         }
     }
 
-    /// Moves by metres forward, to the right and upwards.
+    /// Moves the eye by metres forward, to the right and upwards.
     pub fn walk(&mut self, forward: f64, right: f64, up: f64) {
         let ahead = self.forward();
         let (sin, cos) = self.yaw.sin_cos();
@@ -151,7 +160,7 @@ impl Rig {
         self.eye[2] += ahead[2] * forward + up;
     }
 
-    /// Goes nearer to the pivot (above 0) or away from it; in flight, ahead or back.
+    /// Moves the eye towards the pivot (above 0) or away from it; in flight, ahead or back.
     pub fn zoom(&mut self, notches: f64) {
         let factor = 0.85_f64.powf(notches.clamp(-20.0, 20.0));
         let step = self.distance * (1.0 - factor);
@@ -161,12 +170,13 @@ impl Rig {
         }
     }
 
-    /// Other heights: the eye stays as far above the ground, which is so many metres high, as it was.
+    /// Moves the eye when the exaggeration changes, so that it stays as far above ground of
+    /// `ground` metres as it was.
     pub fn exaggerate(&mut self, before: f64, after: f64, ground: f64) {
         self.eye[2] += ground * (after - before);
     }
 
-    /// Moves level by metres ahead, as seen from above, and to the right.
+    /// Moves the eye horizontally, by metres ahead and to the right.
     pub fn slide(&mut self, ahead: f64, right: f64) {
         let (sin, cos) = self.yaw.sin_cos();
         self.eye[0] += sin * ahead + cos * right;

@@ -1,4 +1,4 @@
-//! The surface of a window: what is drawn on it is seen.
+//! The surface of a window, and the device that draws on it.
 
 use std::sync::Arc;
 
@@ -16,17 +16,17 @@ pub struct Canvas {
     window: Arc<Window>,
     surface: wgpu::Surface<'static>,
     configuration: wgpu::SurfaceConfiguration,
-    /// The surface is not as the configuration says.
+    /// True if the surface must be configured again.
     stale: bool,
-    /// Refusals in a row.
+    /// How often in a row no texture could be had.
     refused: u32,
 }
 
-/// Refusals in a row after which there is no hope.
+/// Failures in a row after which the surface counts as lost.
 const MOST_REFUSED: u32 = 100;
 
 impl Canvas {
-    /// The surface of a window and a device for it; `adapter` as `--adapter` says.
+    /// Returns the surface of a window and a device for it; `adapter` is the value of `--adapter`.
     pub fn new(window: Arc<Window>, display: Box<OwnedDisplayHandle>, adapter: &str) -> Result<(Self, Gpu)> {
         let descriptor = wgpu::InstanceDescriptor::new_with_display_handle_from_env(display);
         let instance = wgpu::Instance::new(descriptor);
@@ -45,7 +45,8 @@ impl Canvas {
         };
         let mut configuration = surface.get_default_config(&gpu.adapter, width, height).ok_or_else(no)?;
         let formats = surface.get_capabilities(&gpu.adapter).formats;
-        // Eight bits a channel can be read back for a picture; sRGB is what the renderer writes without detours.
+        // Eight bits a channel can be read back for a picture; sRGB is what the renderer writes
+        // without detours.
         let wanted = [
             wgpu::TextureFormat::Bgra8UnormSrgb,
             wgpu::TextureFormat::Rgba8UnormSrgb,
@@ -61,28 +62,28 @@ impl Canvas {
         Ok((Self { window, surface, configuration, stale: false, refused: 0 }, gpu))
     }
 
-    /// The window.
+    /// Returns the window.
     pub fn window(&self) -> &Window {
         &self.window
     }
 
-    /// Format of its pictures.
+    /// Returns the format of its textures.
     pub fn format(&self) -> wgpu::TextureFormat {
         self.configuration.format
     }
 
-    /// Pixels.
+    /// Returns its width and height in pixels.
     pub fn size(&self) -> (u32, u32) {
         (self.configuration.width, self.configuration.height)
     }
 
-    /// The window has another size, above 0.
+    /// Sets the size of the window; both sides are above 0.
     pub fn resize(&mut self, (width, height): (u32, u32)) {
         self.stale |= self.size() != (width, height);
         (self.configuration.width, self.configuration.height) = (width, height);
     }
 
-    /// What to draw on; `None` if there is nothing to be seen just now.
+    /// Returns the texture to draw on; `None` if the window cannot be seen at the moment.
     pub fn acquire(&mut self, gpu: &Gpu) -> Result<Option<wgpu::SurfaceTexture>> {
         if std::mem::take(&mut self.stale) {
             self.surface.configure(&gpu.device, &self.configuration);

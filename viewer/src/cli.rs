@@ -1,6 +1,7 @@
 //! The command line: parses, calls the library, prints.
 //!
-//! Exit codes: 0 done, 2 could not do it. Figures of a run go to standard output, everything else to standard error.
+//! Exit codes: 0 done, 2 could not do it. Figures of a run go to standard output, everything else
+//! to standard error.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
@@ -54,8 +55,8 @@ struct Cli {
     /// How the steps of shared edges are chosen: as both sides need, or as in the papers
     #[arg(long, value_name = "RULE", value_enum, default_value = "shared")]
     edge_rule: Rule,
-    /// What chooses the triangles, to compare: tiles and the steps of their patches (hybrid), whole tiles as chunked LOD
-    /// does (tiles: with the papers' edge rule), or nothing (full: the leaves)
+    /// What chooses the triangles, to compare: tiles and the steps of their patches (hybrid), whole
+    /// tiles as chunked LOD does (tiles: with the papers' edge rule), or nothing (full: the leaves)
     #[arg(
         long,
         value_enum,
@@ -154,8 +155,8 @@ struct Cli {
     #[arg(long, value_name = "X,Y,HEIGHT", allow_hyphen_values = true, value_parser = settings::place)]
     #[arg(requires = "shot", conflicts_with = "headless", help_heading = "Without a window")]
     target: Option<[f64; 3]>,
-    /// What X and Y of --eye and --target are: column and row, the file's coordinate system, or longitude and latitude in
-    /// degrees; HEIGHT is in metres
+    /// What X and Y of --eye and --target are: column and row, the file's coordinate system, or
+    /// longitude and latitude in degrees; HEIGHT is in metres
     #[arg(long, value_name = "WHAT", value_enum, default_value = "samples")]
     #[arg(requires = "shot", conflicts_with = "headless", help_heading = "Without a window")]
     coordinates: CoordinatesName,
@@ -277,8 +278,8 @@ impl Cli {
     }
 }
 
-/// The command line. What is wrong with it is told in the colours that it asks for, on a page of 80 columns where nobody says how wide
-/// it is.
+/// Parses the command line. Errors have the colours that `--color` asks for; without a terminal,
+/// text is wrapped at 80 columns.
 fn parse() -> Cli {
     let words: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
     let asked = |when: &str| {
@@ -307,15 +308,14 @@ pub fn main() -> ExitCode {
         let plain = if colour.is_empty() { "" } else { "\x1b[0m" };
         let _ = writeln!(err, "{colour}relevo-viewer: {plain}{}", printable(line));
     };
-    let mut tell = |line: &str| say("", line);
+    let mut report = |line: &str| say("", line);
     let outcome = match (&cli.shot, cli.headless) {
-        (Some(output), _) => {
-            headless::shot(&settings, cli.shot(), output, &mut tell).map(|summary| Some(("picture", summary)))
-        }
+        (Some(output), _) => headless::shot(&settings, cli.shot(), output, &mut report)
+            .map(|summary| Some(("picture", summary))),
         (None, true) => {
-            headless::journey(&settings, &cli.journey(), &mut tell).map(|summary| Some(("path", summary)))
+            headless::journey(&settings, &cli.journey(), &mut report).map(|summary| Some(("path", summary)))
         }
-        (None, false) => window::run(&settings, &mut tell).map(|()| None),
+        (None, false) => window::run(&settings, &mut report).map(|()| None),
     };
     match outcome {
         Ok(summary) => {

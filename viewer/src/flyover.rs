@@ -1,4 +1,5 @@
-//! A camera path for a file that has none: an overview, a descent, a low flight across the terrain, and a climb.
+//! The camera path that is flown if none is given: an overview, a descent, a low flight across the
+//! terrain, and a climb.
 
 use relevo_core::container::Reader;
 use relevo_core::select::Frame;
@@ -10,16 +11,17 @@ use crate::path::{CameraPath, Key};
 
 /// Seconds of the whole path.
 const SECONDS: f64 = 20.0;
-/// Places of the low flight, as fractions of the raster's width and height: it meanders from the south to the north.
+/// Places of the low flight, as fractions of the raster's width and height: it meanders from the
+/// south to the north.
 const FLIGHT: [[f64; 2]; 5] = [[0.45, 0.80], [0.60, 0.66], [0.40, 0.52], [0.58, 0.38], [0.50, 0.22]];
 
-/// The pose that shows all of a file, its heights times `exaggeration`, from the south.
+/// Returns the pose that shows all of a file from the south, its heights times `exaggeration`.
 pub fn overview(reader: &Reader, exaggeration: f64) -> Result<Pose> {
     let land = Land::new(reader, exaggeration)?;
     Ok(land.overview())
 }
 
-/// The path: the same for the same file and exaggeration.
+/// Returns the camera path, which depends on the file and the exaggeration alone.
 pub fn path(reader: &Reader, exaggeration: f64) -> Result<CameraPath> {
     let land = Land::new(reader, exaggeration)?;
     let mut keys = vec![Key { time: 0.0, pose: land.overview() }];
@@ -37,7 +39,7 @@ pub fn path(reader: &Reader, exaggeration: f64) -> Result<CameraPath> {
     CameraPath::new(FOV, keys)
 }
 
-/// Extent of a file, in the frame.
+/// The extent of a file in the frame.
 struct Land<'a> {
     reader: &'a Reader,
     columns: f64,
@@ -62,13 +64,13 @@ impl<'a> Land<'a> {
         Ok(Self { reader, columns, rows, low, high, side, frame })
     }
 
-    /// A place of the frame, by fractions of the raster and metres as drawn.
+    /// Returns a place of the frame, from fractions of the raster and metres as drawn.
     fn at(&self, [x, y]: [f64; 2], z: f64) -> [f64; 3] {
         let [x, y, _] = self.frame.position(x * self.columns, y * self.rows, 0.0);
         [x, y, z]
     }
 
-    /// From the south, from far enough away that all corners are in a picture of 16 to 10.
+    /// Returns the nearest pose in the south from which all corners are in a picture of 16 to 10.
     fn overview(&self) -> Pose {
         let target = self.at([0.5, 0.5], (self.low + self.high) / 2.0);
         let heights = [self.low, self.high];
@@ -91,7 +93,7 @@ impl<'a> Land<'a> {
         }
     }
 
-    /// Above all that is near, looking to the next place and slightly down.
+    /// Returns a pose above the highest ground near `place`, looking to `next` and slightly down.
     fn low_flight(&self, place: [f64; 2], next: [f64; 2]) -> Result<Pose> {
         let height = self.highest_near(place)? + 0.012 * self.side;
         // Raise the look where the ground ahead is high.
@@ -99,7 +101,8 @@ impl<'a> Land<'a> {
         Ok(Pose::of(&self.frame, self.at(place, height), self.at(next, ahead)))
     }
 
-    /// Greatest height as drawn within about a thirtieth of the raster, from the index alone.
+    /// Returns the greatest height as drawn within about a thirtieth of the raster, from the index
+    /// alone.
     fn highest_near(&self, [x, y]: [f64; 2]) -> Result<f64> {
         let (column, row) = (x * self.columns, y * self.rows);
         let header = self.reader.header();

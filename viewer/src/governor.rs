@@ -1,7 +1,7 @@
-//! Dynamic error (paper 002): the tolerance follows what a frame costs while the camera moves, and returns to the asked one
-//! when it rests.
+//! Dynamic error (paper 002): the tolerance follows what a frame costs while the camera moves, and
+//! returns to the asked one when it rests.
 
-/// What a frame is to cost.
+/// The limit for the cost of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
     /// Frames per second.
@@ -10,10 +10,10 @@ pub enum Target {
     Triangles(u64),
 }
 
-/// What the last frame was.
+/// The cost of the last frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Load {
-    /// Seconds from the frame before to it.
+    /// Seconds since the frame before it.
     pub seconds: f64,
     /// Triangles drawn.
     pub triangles: u64,
@@ -35,15 +35,16 @@ pub struct Governor {
 }
 
 impl Governor {
-    /// Begins at the asked tolerance.
+    /// Returns a governor that begins at the asked tolerance.
     pub fn new(target: Option<Target>, asked: f64) -> Self {
         Self { target, tolerance: asked, resting: 0 }
     }
 
-    /// The tolerance of the next frame, in pixels, never below `asked`.
+    /// Returns the tolerance of the next frame in pixels, never below `asked`.
     ///
-    /// Triangles fall with about the square of the tolerance, so the step to the goal is the root of the cost's ratio; it is damped, and
-    /// a band of 10 % around the goal is left alone so that a picture at rest does not swing.
+    /// Triangles fall with about the square of the tolerance, so the step to the goal is the root
+    /// of the cost's ratio; it is damped, and a band of 10 % around the goal is left alone so that
+    /// a picture at rest does not oscillate.
     pub fn next(&mut self, asked: f64, load: Load) -> f64 {
         let Some(target) = self.target else {
             self.tolerance = asked;
@@ -51,7 +52,7 @@ impl Governor {
         };
         self.resting = if load.moving { 0 } else { self.resting.saturating_add(1) };
         if self.resting > REST_FRAMES {
-            // Towards the asked one in a few frames: the picture sharpens, it does not jump.
+            // Towards the asked one in a few frames, so that the picture does not change at once.
             self.tolerance = (self.tolerance * 0.75).max(asked);
             return self.tolerance;
         }

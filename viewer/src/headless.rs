@@ -1,4 +1,4 @@
-//! Pictures and figures without a window.
+//! Renders pictures and measures frames without a window.
 
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -13,21 +13,21 @@ use relevo_core::{Error, Result, observed, surface};
 use crate::camera::{FOV, Pose, moved, near};
 use crate::flyover;
 use crate::governor::{Governor, Load};
-use crate::gpu::picture;
+use crate::gpu::{Look, RenderTarget, target};
 use crate::metrics::{Row, Writer};
 use crate::path::CameraPath;
 use crate::scene::Terrain;
 use crate::settings::{Coordinates, Lod, Settings};
 use crate::stage::{Drawing, Stage, headless_gpu, promised};
 
-/// What to make of a camera path.
+/// Options of a run along a camera path.
 #[derive(Clone, Debug, Default)]
 pub struct Journey {
     /// The path's file; `None`: a flight over the terrain.
     pub path: Option<PathBuf>,
-    /// Frames, evenly from its first key to its last; `None`: as many as `fps` says.
+    /// Number of frames, evenly from the first key to the last; `None`: as `fps` says.
     pub count: Option<u32>,
-    /// Frames of a second of the path.
+    /// Frames for each second of the path.
     pub fps: f64,
     /// Folder for one PNG a frame.
     pub frames: Option<PathBuf>,
@@ -41,35 +41,36 @@ pub struct Journey {
     pub force: bool,
 }
 
-/// Most frames of a journey.
+/// Largest number of frames of a run.
 const MOST_FRAMES: f64 = 1e6;
 
-/// Pixels that only full resolution is within.
+/// A tolerance in pixels that only full resolution meets.
 const NOTHING: f64 = 1e-9;
 
-/// Every patch at the full resolution of its tile.
+/// Returns the levels that draw every patch at the full resolution of its tile.
 fn full_resolution(selection: &Selection, rule: EdgeRule) -> Levels {
     let patches = (selection.patches * selection.patches) as usize;
     let base = selection.tiles.iter().flat_map(|tile| std::iter::repeat_n(tile.exponent, patches)).collect();
     Levels::from_base(selection, base, rule)
 }
 
-/// Where a single picture is taken from.
+/// Options of a single picture.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Shot {
-    /// Two coordinates and a height in metres.
+    /// Where the camera stands: two coordinates and a height in metres.
     pub eye: Option<[f64; 3]>,
-    /// Likewise.
+    /// What it looks at, in the same terms.
     pub target: Option<[f64; 3]>,
-    /// What the coordinates are.
+    /// The system of the two coordinates.
     pub coordinates: Coordinates,
     /// Replace a picture that is there.
     pub force: bool,
 }
 
 impl Shot {
-    /// The pose: that of an overview as far as nothing else was asked for, above the ground in any case.
-    fn pose(&self, reader: &Reader, frame: &Frame, tell: &mut dyn FnMut(&str)) -> Result<Pose> {
+    /// Returns the pose: what is not given is that of an overview. The eye is raised above the
+    /// ground.
+    fn pose(&self, reader: &Reader, frame: &Frame, report: &mut dyn FnMut(&str)) -> Result<Pose> {
         let all = flyover::overview(reader, frame.exaggeration)?;
         let place = |place: Option<[f64; 3]>, or: [f64; 3]| {
             place.map_or(Ok(or), |place| lattice(place, self.coordinates, reader))
@@ -85,7 +86,7 @@ impl Shot {
             if missing > 0.0 {
                 pose.eye[2] += missing;
                 let (ground, raised) = (ground.round(), pose.eye[2].round());
-                tell(&format!(
+                report(&format!(
                     "--eye is below the ground, which is {ground} m high there: it is raised to {raised} m"
                 ));
             }
@@ -94,10 +95,10 @@ impl Shot {
     }
 }
 
-/// Distances of the near plane that a camera stays above the ground.
+/// Least height of a camera above the ground, in distances of the near plane.
 const CLEARANCE: f64 = 4.0;
 
-/// Column, row and height of a place.
+/// Returns column, row and height of a place.
 fn lattice([x, y, height]: [f64; 3], coordinates: Coordinates, reader: &Reader) -> Result<[f64; 3]> {
     let geo = reader.geo();
     let (x, y) = match coordinates {
@@ -131,32 +132,33 @@ fn check_free(file: &Path, force: bool) -> Result<()> {
     Err(Error::usage(format!("{}: exists already; --force replaces it", file.display())))
 }
 
-/// Name of a frame in its folder.
+/// Returns the file name of a frame.
 fn frame_name(frame: u32) -> String {
     format!("{frame:06}.png")
 }
 
-/// What was seen on a journey.
+/// Figures of all frames of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Summary {
-    /// Adapter.
+    /// Name of the graphics adapter.
     pub adapter: String,
-    /// Frames.
+    /// Number of frames.
     pub frames: u32,
     /// Largest promised error of a frame, pixels.
     pub promised: f64,
-    /// Largest observed one, if it was measured.
+    /// Largest observed error of a frame, pixels, if it was measured.
     pub observed: Option<f64>,
     /// Triangles of all frames.
     pub triangles: u64,
-    /// Milliseconds of all frames.
+    /// Milliseconds that all frames took.
     pub frame_ms: f64,
     /// Most bytes on the GPU.
     pub gpu_bytes: u64,
 }
 
-/// Draws every frame of a path. `tell` hears of tiles that cannot be read.
-pub fn journey(settings: &Settings, journey: &Journey, tell: &mut dyn FnMut(&str)) -> Result<Summary> {
+/// Draws every frame of a camera path. `report` is called with a sentence for each tile that cannot
+/// be read.
+pub fn journey(settings: &Settings, journey: &Journey, report: &mut dyn FnMut(&str)) -> Result<Summary> {
     let read: Vec<PathBuf> = std::iter::once(&settings.file).chain(&journey.path).cloned().collect();
     let terrain = Terrain::open(&settings.file, settings.ram_cache)?;
     let path = match &journey.path {
@@ -173,21 +175,21 @@ pub fn journey(settings: &Settings, journey: &Journey, tell: &mut dyn FnMut(&str
         check_free(file, journey.force)?;
     }
     let mut rows = journey.metrics.as_deref().map(open_metrics).transpose()?;
-    let mut booth = Booth::new(settings, terrain)?;
-    let mut summary = Summary { adapter: booth.stage.gpu.name(), ..Summary::default() };
+    let mut offscreen = Offscreen::new(settings, terrain)?;
+    let mut summary = Summary { adapter: offscreen.stage.gpu.name(), ..Summary::default() };
     let mut governor = Governor::new(settings.target, settings.tolerance);
     let mut tolerance = settings.tolerance;
     let mut before: Option<(View, Instant)> = None;
     for (frame, time) in (0..).zip(times) {
-        let view = path.at(time).view(booth.stage.scene.frame(), path.fov, settings.size);
+        let view = path.at(time).view(offscreen.stage.scene.frame(), path.fov, settings.size);
         let begun = Instant::now();
-        let mut row = booth.frame(&view, tolerance, journey)?;
+        let mut row = offscreen.frame(&view, tolerance, journey)?;
         (row.frame, row.time) = (frame, time);
-        booth.stage.scene.take_problems().iter().for_each(|problem| tell(problem));
+        offscreen.stage.scene.take_problems().iter().for_each(|problem| report(problem));
         if let Some(folder) = &journey.frames {
             let file = folder.join(frame_name(frame));
             output::check_apart(&file, &read)?;
-            booth.picture.save(&booth.stage.gpu, &file)?;
+            offscreen.target.save(&offscreen.stage.gpu, &file)?;
         }
         if let (Some(rows), Some(file)) = (&mut rows, &journey.metrics) {
             rows.row(&row).map_err(|error| Error::io(file, "write", error))?;
@@ -206,7 +208,7 @@ pub fn journey(settings: &Settings, journey: &Journey, tell: &mut dyn FnMut(&str
 }
 
 /// Draws one picture with everything loaded and writes it as PNG.
-pub fn shot(settings: &Settings, shot: Shot, output: &Path, tell: &mut dyn FnMut(&str)) -> Result<Summary> {
+pub fn shot(settings: &Settings, shot: Shot, output: &Path, report: &mut dyn FnMut(&str)) -> Result<Summary> {
     if !output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
         let name = output.display();
         return Err(Error::usage(format!("{name}: expected a name that ends in .png, which pictures are")));
@@ -215,13 +217,13 @@ pub fn shot(settings: &Settings, shot: Shot, output: &Path, tell: &mut dyn FnMut
     check_free(output, shot.force)?;
     let terrain = Terrain::open(&settings.file, settings.ram_cache)?;
     let frame = Frame { exaggeration: settings.exaggeration, ..Frame::of(terrain.reader()) };
-    let pose = shot.pose(terrain.reader(), &frame, tell)?;
-    let mut booth = Booth::new(settings, terrain)?;
-    let view = pose.view(booth.stage.scene.frame(), FOV, settings.size);
-    let row = booth.frame(&view, settings.tolerance, &Journey::default())?;
-    booth.stage.scene.take_problems().iter().for_each(|problem| tell(problem));
-    booth.picture.save(&booth.stage.gpu, output)?;
-    let mut summary = Summary { adapter: booth.stage.gpu.name(), ..Summary::default() };
+    let pose = shot.pose(terrain.reader(), &frame, report)?;
+    let mut offscreen = Offscreen::new(settings, terrain)?;
+    let view = pose.view(offscreen.stage.scene.frame(), FOV, settings.size);
+    let row = offscreen.frame(&view, settings.tolerance, &Journey::default())?;
+    offscreen.stage.scene.take_problems().iter().for_each(|problem| report(problem));
+    offscreen.target.save(&offscreen.stage.gpu, output)?;
+    let mut summary = Summary { adapter: offscreen.stage.gpu.name(), ..Summary::default() };
     summary.add(&row);
     Ok(summary)
 }
@@ -237,21 +239,21 @@ impl Summary {
     }
 }
 
-/// A stage with an offscreen target.
-struct Booth {
+/// A stage that draws on a texture.
+struct Offscreen {
     stage: Stage,
     lod: Lod,
-    picture: picture::Picture,
-    look: crate::gpu::Look,
+    target: RenderTarget,
+    look: Look,
 }
 
-impl Booth {
+impl Offscreen {
     fn new(settings: &Settings, terrain: Terrain) -> Result<Self> {
         let gpu = headless_gpu(&settings.adapter)?;
-        let stage = Stage::new(gpu, terrain, settings, settings.size, picture::FORMAT)?;
-        let picture = picture::Picture::new(&stage.gpu, settings.size, picture::FORMAT)?;
+        let stage = Stage::new(gpu, terrain, settings, settings.size, target::FORMAT)?;
+        let target = RenderTarget::new(&stage.gpu, settings.size, target::FORMAT)?;
         let look = stage.look(settings);
-        Ok(Self { stage, lod: settings.lod, picture, look })
+        Ok(Self { stage, lod: settings.lod, target, look })
     }
 
     /// Draws a frame to its end.
@@ -263,7 +265,7 @@ impl Booth {
         let begun = Instant::now();
         let levels = (self.lod == Lod::Tiles).then(|| full_resolution(&chosen.selection, stage.scene.rule()));
         let drawing = Drawing { view, tolerance: wanted, look: self.look, levels: levels.as_ref() };
-        stage.draw(&chosen, &drawing, self.picture.view(), self.picture.size())?;
+        stage.draw(&chosen, &drawing, self.target.view(), self.target.size())?;
         let drawn = stage.renderer.drawn(&stage.gpu)?;
         let frame_ms = begun.elapsed().as_secs_f64() * 1e3;
         let levels: Levels = stage.renderer.levels(&stage.gpu)?;
@@ -292,12 +294,12 @@ impl Booth {
     }
 }
 
-/// The truth is in the leaves: without one there is no error to tell.
+/// Returns the error for a leaf that cannot be read: without it no error can be measured.
 fn unmeasured(why: Error) -> Error {
     Error::usage(format!("--observe needs every sample in view: {why}"))
 }
 
-/// Times of the frames.
+/// Returns the times of the frames in seconds.
 fn times(path: &CameraPath, journey: &Journey) -> Result<Vec<f64>> {
     let (first, last) = path.span();
     let by_fps = || ((last - first) * journey.fps).floor() + 1.0;

@@ -1,4 +1,4 @@
-//! Keys and mouse, as commands and as motion.
+//! Keys and mouse: commands, and motion of the camera.
 
 use std::collections::HashSet;
 
@@ -35,41 +35,41 @@ pub const HELP: &[(&str, &str)] = &[
     ("Esc", "quit"),
 ];
 
-/// What a key asks for once.
+/// What a key press asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
-    /// End.
+    /// End the program.
     Quit,
-    /// Help on or off.
+    /// Show or hide the help.
     Help,
-    /// The tolerance times this.
+    /// Multiply the tolerance by this.
     Tolerance(f64),
-    /// The exaggeration times this.
+    /// Multiply the exaggeration by this.
     Exaggeration(f64),
-    /// Colours.
+    /// Use these colours.
     Paint(Paint),
-    /// Wireframe on or off.
+    /// Show or hide the edges of triangles.
     Wireframe,
-    /// Borders on or off.
+    /// Show or hide the borders of tiles.
     Borders,
-    /// Freeze the selection, or go on.
+    /// Freeze the selection, or let it follow the camera again.
     Freeze,
-    /// Write a picture.
+    /// Write a picture to a file.
     Screenshot,
     /// Record the camera path, or end and write it.
     Record,
-    /// Fly or orbit.
+    /// Change between flight and orbit.
     Mode,
-    /// The view of the start.
+    /// Go back to the view of the start.
     Home,
-    /// Panel on or off.
+    /// Open or close the panel.
     Panel,
 }
 
-/// A quarter more or less.
+/// Factor of a step of the tolerance or the exaggeration.
 const STEP: f64 = 1.25;
 
-/// The command of a key, if it has one.
+/// Returns the command of a key, if it has one.
 pub fn command(key: &Key) -> Option<Command> {
     let text = match key {
         Key::Named(NamedKey::Escape) => return Some(Command::Quit),
@@ -98,16 +98,16 @@ pub fn command(key: &Key) -> Option<Command> {
     })
 }
 
-/// Radians of a drag over the height of the window.
+/// Radians that a drag over the height of the window turns the camera.
 const TURN: f64 = 1.8;
-/// Heights above the ground that are flown in a second.
+/// Speed of flight, in heights above the ground a second.
 const PACE: f64 = 0.9;
 
-/// What is held down, and what the mouse did since it was last asked.
+/// Keys and buttons that are down, and motion of the mouse since the last frame.
 #[derive(Clone, Debug, Default)]
 pub struct Input {
     held: HashSet<KeyCode>,
-    /// The button that is down: the left one turns, the right one moves.
+    /// The button that is down: the left one turns the camera, the right one moves it.
     dragging: Option<MouseButton>,
     cursor: Option<[f64; 2]>,
     turned: [f64; 2],
@@ -116,7 +116,7 @@ pub struct Input {
 }
 
 impl Input {
-    /// A key went down or up; the command that it stands for.
+    /// Takes a key that went down or up; returns the command that it stands for.
     pub fn key(&mut self, event: &KeyEvent) -> Option<Command> {
         let down = event.state == ElementState::Pressed;
         if let PhysicalKey::Code(code) = event.physical_key {
@@ -128,11 +128,11 @@ impl Input {
         }
         let changes = |command: &Command| matches!(command, Command::Tolerance(_) | Command::Exaggeration(_));
         let command = command(&event.logical_key)?;
-        // A key that is held goes on to change a number, but does not flicker a switch.
+        // A key that is held repeats changes of a number, but does not repeat a switch.
         (down && (!event.repeat || changes(&command))).then_some(command)
     }
 
-    /// A button went down or up.
+    /// Takes a button that went down or up.
     pub fn button(&mut self, button: MouseButton, state: ElementState) {
         if !matches!(button, MouseButton::Left | MouseButton::Right) {
             return;
@@ -144,7 +144,7 @@ impl Input {
         }
     }
 
-    /// The mouse is here, in pixels.
+    /// Takes a new place of the mouse, in pixels.
     pub fn moved(&mut self, to: [f64; 2]) {
         if let Some((from, button)) = self.cursor.zip(self.dragging) {
             let drag = if button == MouseButton::Left { &mut self.turned } else { &mut self.pulled };
@@ -153,7 +153,7 @@ impl Input {
         self.cursor = Some(to);
     }
 
-    /// The wheel turned.
+    /// Takes a turn of the wheel.
     pub fn wheel(&mut self, delta: MouseScrollDelta) {
         self.notches += match delta {
             MouseScrollDelta::LineDelta(_, y) => f64::from(y),
@@ -161,12 +161,12 @@ impl Input {
         };
     }
 
-    /// The window lost the focus: nothing is held any more.
+    /// Forgets all keys and buttons that are down: the window has lost the focus.
     pub fn release(&mut self) {
         *self = Self { cursor: self.cursor, ..Self::default() };
     }
 
-    /// True if the camera would move.
+    /// Returns true if [`Input::drive`] would move the camera.
     pub fn active(&self) -> bool {
         self.turned != [0.0; 2]
             || self.pulled != [0.0; 2]
@@ -174,7 +174,7 @@ impl Input {
             || self.direction() != [0.0; 3]
     }
 
-    /// Ahead, right, up.
+    /// Returns the direction of the keys that are down: ahead, right, up.
     fn direction(&self) -> [f64; 3] {
         let axis = |plus: KeyCode, minus: KeyCode| {
             f64::from(u8::from(self.held.contains(&plus))) - f64::from(u8::from(self.held.contains(&minus)))
@@ -186,13 +186,15 @@ impl Input {
         ]
     }
 
-    /// Moves the camera by what was done in `seconds`; `above` are metres above the ground, `pixels` the window's height.
+    /// Moves the camera by the input of the last `seconds`; `above` is its height above the ground
+    /// in metres, `pixels` the window's height.
     pub fn drive(&mut self, rig: &mut Rig, seconds: f64, above: f64, pixels: u32) {
         let scale = TURN / f64::from(pixels.max(1));
         let [x, y] = std::mem::take(&mut self.turned);
-        // The look follows the hand in flight; in an orbit the same turn makes the near side follow it.
+        // In flight the direction of view follows the mouse; in an orbit the same turn makes the
+        // near side follow it.
         rig.turn(x * scale, -y * scale);
-        // The ground follows the hand: what is as far ahead as the ground is below moves with the mouse.
+        // The ground follows the mouse: a point as far ahead as the ground is below moves with it.
         let [x, y] = std::mem::take(&mut self.pulled);
         let metres = 2.0 * above * (FOV.to_radians() / 2.0).tan() / f64::from(pixels.max(1));
         rig.slide(y * metres, -x * metres);

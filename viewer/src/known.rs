@@ -1,5 +1,5 @@
-//! What a thread knows of the file: the answers that selection asks for. The drawing thread has one of what is resident,
-//! the loader one of what it has delivered.
+//! The part of the index and the tables that a thread holds for selection: the drawing thread those
+//! of what is resident, the loader those of what it has delivered.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use relevo_core::select::imagery::Images;
 use relevo_core::select::tile::{Node, TileTable};
 use relevo_core::select::traverse::Tiles;
 
-/// Rows of the index and tables of tiles.
+/// Rows of the index, and tables of tiles.
 #[derive(Debug)]
 pub struct KnownTiles {
     header: Header,
@@ -19,12 +19,12 @@ pub struct KnownTiles {
 }
 
 impl KnownTiles {
-    /// Only the row of the root.
+    /// Returns one that knows only the row of the root.
     pub fn new(header: Header, root: Node) -> Self {
         Self { header, nodes: HashMap::from([(TileId::ROOT, root)]), tables: HashMap::new() }
     }
 
-    /// A tile has come, with the rows of its children by quadrant.
+    /// Adds a tile, with the rows of its children by quadrant.
     pub fn add(&mut self, table: Arc<TileTable>, children: &[Option<Node>; 4]) {
         let id = table.id;
         self.tables.insert(id, table);
@@ -35,7 +35,7 @@ impl KnownTiles {
         }
     }
 
-    /// A tile has left.
+    /// Removes a tile and the rows of its children.
     pub fn remove(&mut self, id: TileId) {
         self.tables.remove(&id);
         for quadrant in 0..4 {
@@ -43,8 +43,8 @@ impl KnownTiles {
         }
     }
 
-    /// A tile cannot be read: its parent is drawn as if it were a leaf.
-    pub fn spoil(&mut self, id: TileId) {
+    /// Marks a tile as unreadable: its parent is drawn as if it were a leaf.
+    pub fn mark_unreadable(&mut self, id: TileId) {
         if let Some(parent) = id.parent().and_then(|parent| self.nodes.get_mut(&parent)) {
             parent.children = 0;
         }
@@ -65,7 +65,7 @@ impl Tiles for KnownTiles {
     }
 }
 
-/// Rows of the imagery's index and which images are there.
+/// Rows of the imagery's index, and which images are there.
 #[derive(Debug, Default)]
 pub struct KnownImages {
     children: HashMap<TileId, u8>,
@@ -73,12 +73,12 @@ pub struct KnownImages {
 }
 
 impl KnownImages {
-    /// Only the row of the root.
+    /// Returns one that knows only the row of the root.
     pub fn new(root: u8) -> Self {
         Self { children: HashMap::from([(TileId::ROOT, root)]), ready: HashSet::new() }
     }
 
-    /// An image has come, with the bits of the children of each of its children.
+    /// Adds an image, with the bits of the children of each of its children.
     pub fn add(&mut self, id: TileId, children: &[Option<u8>; 4]) {
         self.ready.insert(id);
         for (quadrant, bits) in (0..).zip(children) {
@@ -88,7 +88,7 @@ impl KnownImages {
         }
     }
 
-    /// An image has left.
+    /// Removes an image and the rows of its children.
     pub fn remove(&mut self, id: TileId) {
         self.ready.remove(&id);
         for quadrant in 0..4 {
@@ -96,8 +96,8 @@ impl KnownImages {
         }
     }
 
-    /// An image cannot be read: its parent lies there instead.
-    pub fn spoil(&mut self, id: TileId) {
+    /// Marks an image as unreadable: its parent is drawn in its place.
+    pub fn mark_unreadable(&mut self, id: TileId) {
         self.children.remove(&id);
         if let Some(parent) = id.parent().and_then(|parent| self.children.get_mut(&parent)) {
             *parent &= !(1 << id.quadrant());

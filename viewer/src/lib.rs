@@ -1,7 +1,7 @@
 //! Relevo's viewer: draws a `.rlv` file at a stated pixel error, on any adapter that wgpu finds.
 //!
-//! [`gpu`] draws what `relevo_core::select` has chosen and knows no file. [`loader`] is the second thread; [`scene`] brings
-//! both together for one frame.
+//! [`gpu`] draws what `relevo_core::select` has chosen and knows no file. [`loader`] is the second
+//! thread; [`scene`] brings both together for one frame.
 
 pub mod camera;
 pub mod canvas;

@@ -1,8 +1,10 @@
-//! The loader thread: reads and decodes what the views need, the most urgent first, and hands it over decoded.
+//! The loader thread: reads and decodes the tiles that the views need, the most urgent first.
 //!
-//! It runs the same selection as the drawing thread, on what it has delivered ([`crate::known`]): so it goes down the tree
-//! by itself, a tile after its parent, and answers the view of 0.5 seconds ahead once the current one has all it wants.
-//! The drawing thread says what it has dropped. Channels are all they share.
+//! It runs the same selection as the drawing thread, on the tiles that it has delivered
+//! ([`crate::known`]). So it goes down the tree without being asked tile by tile, each after its
+//! parent; once the current view has all tiles, it goes on with the view predicted for 0.5 seconds
+//! ahead. The drawing thread sends it the tiles that it has dropped. The two threads share channels
+//! only.
 
 mod worker;
 
@@ -18,7 +20,7 @@ use relevo_core::{Error, Result, TileId};
 
 use worker::Worker;
 
-/// Deliveries that may wait for the drawing thread: a bound on decoded tiles between the threads.
+/// Most deliveries that wait for the drawing thread: a bound on decoded tiles between the threads.
 const WAITING: usize = 32;
 /// Seconds that the loader looks ahead.
 pub const AHEAD: f64 = 0.5;
@@ -32,112 +34,113 @@ pub enum Item {
     Image(TileId),
 }
 
-/// What is to be seen.
+/// A request for all tiles of some views.
 #[derive(Clone, Debug)]
-pub struct Ask {
-    /// Number of the question; [`Delivery::Settled`] answers with it.
+pub struct Request {
+    /// Number of the request; [`Delivery::Settled`] has the same.
     pub serial: u64,
     /// The current view, then the predicted one if there is one.
     pub views: Vec<View>,
-    /// Where things stand.
+    /// The frame of the views.
     pub frame: Frame,
-    /// What is asked of the selection.
+    /// Options of the selection.
     pub options: Options,
-    /// Pixels that a texel may cover.
+    /// Most pixels that a texel may cover.
     pub magnification: f64,
 }
 
-/// To the loader.
+/// A message to the loader.
 #[derive(Clone, Debug)]
 pub(crate) enum Message {
-    /// Look at this; what was asked before is forgotten.
-    Ask(Box<Ask>),
-    /// These are no longer resident.
+    /// A request in place of the one before.
+    Request(Box<Request>),
+    /// Tiles that are no longer resident.
     Gone(Vec<Item>),
-    /// There was no slot for it: not again while the question is the same.
+    /// A tile for which there was no slot: it is not delivered again for the same request.
     Refused(Item),
 }
 
 /// A decoded tile of heights.
 #[derive(Clone, Debug)]
 pub struct LoadedTile {
-    /// What selection needs.
+    /// The part that selection reads.
     pub table: Arc<TileTable>,
-    /// What the GPU needs.
+    /// The part that is uploaded.
     pub data: Arc<TileData>,
     /// Rows of its children, by quadrant.
     pub children: [Option<Node>; 4],
-    /// The current view does not want it, the predicted one does.
+    /// True if only the predicted view wants it.
     pub ahead: bool,
 }
 
 /// A decoded image.
 #[derive(Clone, Debug)]
 pub struct LoadedImage {
-    /// Which.
+    /// Its id.
     pub id: TileId,
     /// Its texels, gutters included.
     pub texels: Arc<Texels>,
     /// Bits of the children of its children, by quadrant.
     pub children: [Option<u8>; 4],
-    /// As of a tile of heights.
+    /// True if only the predicted view wants it.
     pub ahead: bool,
 }
 
-/// From the loader.
+/// A message from the loader.
 #[derive(Clone, Debug)]
 pub enum Delivery {
     /// Heights.
     Tile(LoadedTile),
     /// Imagery.
     Image(LoadedImage),
-    /// It cannot be read and will not be asked for again; why, in words.
+    /// A tile that cannot be read and will not be tried again, with the reason.
     Bad(Item, String),
-    /// All that the current view of this question wants has been delivered, or cannot be.
+    /// All tiles that the current view of this request wants have been delivered, or cannot be.
     Settled(u64),
     /// Height of the ground under the eye, metres.
     Ground(f64),
 }
 
-/// The thread, from the other side.
+/// The handle of the loader thread.
 #[derive(Debug)]
 pub struct Loader {
-    // Both are gone before the thread is waited for: it ends when nobody talks to it.
+    // Both are dropped before the thread is joined: it ends when its channels are closed.
     ends: Option<(Sender<Message>, Receiver<Delivery>)>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Loader {
-    /// Starts the thread. `ram_cache` bytes of decoded tiles are kept; `root` and `images` are the rows of the root tiles.
+    /// Starts the thread. `ram_cache` bytes of decoded tiles are kept; `root` and `images` are the
+    /// rows of the root tiles.
     pub fn start(reader: Arc<Reader>, ram_cache: u64, root: Node, images: Option<u8>) -> Result<Self> {
-        let (asks, questions) = mpsc::channel();
-        let (answers, deliveries) = mpsc::sync_channel(WAITING);
-        let worker = Worker::new(reader, ram_cache, root, images, answers);
+        let (requests, messages) = mpsc::channel();
+        let (out, deliveries) = mpsc::sync_channel(WAITING);
+        let worker = Worker::new(reader, ram_cache, root, images, out);
         let thread = std::thread::Builder::new()
             .name("loader".into())
-            .spawn(move || worker.run(&questions))
+            .spawn(move || worker.run(&messages))
             .map_err(|error| Error::usage(format!("cannot start the loader thread: {error}")))?;
-        Ok(Self { ends: Some((asks, deliveries)), thread: Some(thread) })
+        Ok(Self { ends: Some((requests, deliveries)), thread: Some(thread) })
     }
 
-    /// A question in place of the one before.
-    pub fn ask(&self, ask: Ask) {
-        self.send(Message::Ask(Box::new(ask)));
+    /// Sends a request in place of the one before.
+    pub fn request(&self, request: Request) {
+        self.send(Message::Request(Box::new(request)));
     }
 
     pub(crate) fn send(&self, message: Message) {
-        if let Some((asks, _)) = &self.ends {
-            // A loader that is gone delivers nothing more; what is resident goes on to be drawn.
-            let _ = asks.send(message);
+        if let Some((requests, _)) = &self.ends {
+            // A loader that has ended delivers nothing more; resident tiles are still drawn.
+            let _ = requests.send(message);
         }
     }
 
-    /// What has come, without waiting.
+    /// Returns the next delivery, if there is one; does not wait.
     pub fn poll(&self) -> Option<Delivery> {
         self.ends.as_ref()?.1.try_recv().ok()
     }
 
-    /// The next delivery. Fails if the thread is gone.
+    /// Waits for the next delivery and returns it. Fails if the thread is gone.
     pub fn wait(&self) -> Result<Delivery> {
         let got = self.ends.as_ref().and_then(|(_, deliveries)| deliveries.recv().ok());
         got.ok_or_else(|| Error::usage("the loader thread has ended unexpectedly"))

@@ -1,4 +1,4 @@
-//! One row of figures for every frame.
+//! Figures of frames: as rows of a CSV file, and as the window shows them.
 
 use std::io::{self, Write};
 
@@ -9,9 +9,9 @@ pub struct Row {
     pub frame: u32,
     /// Seconds since the start of the path.
     pub time: f64,
-    /// Milliseconds of choosing tiles, images and virtual tiles.
+    /// Milliseconds that the selection of tiles and images took.
     pub select_ms: f64,
-    /// Milliseconds from the first command of the drawing to its end.
+    /// Milliseconds that drawing took, up to its end on the device.
     pub frame_ms: f64,
     /// Tiles drawn.
     pub tiles: usize,
@@ -29,11 +29,12 @@ pub struct Row {
     pub tolerance: f64,
     /// Largest projected error of a drawn patch, pixels: what the tables promise.
     pub promised: f64,
-    /// Largest distance between a sample's true place and the surface drawn, pixels; `None` if not asked for.
+    /// Largest distance between a sample's true place and the surface drawn, pixels; `None` if not
+    /// asked for.
     pub observed: Option<f64>,
 }
 
-/// Figures of a window: what its title says.
+/// Figures of a window: what its title and its panel show.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Figures {
     /// Frames per second.
@@ -54,12 +55,12 @@ pub struct Figures {
     pub promised: f64,
 }
 
-/// Names of the columns.
+/// Names of the CSV columns.
 pub const COLUMNS: &str = "frame,time_s,select_ms,frame_ms,tiles,patches,triangles,draws,gpu_bytes,loads_pending,\
                            tolerance_px,promised_px,observed_px";
 
 impl Row {
-    /// The row as a line of CSV, without its end.
+    /// Returns the row as a line of CSV, without the line break.
     pub fn csv(&self) -> String {
         let observed = self.observed.map_or_else(String::new, |pixels| format!("{pixels:.4}"));
         format!(
@@ -80,25 +81,25 @@ impl Row {
     }
 }
 
-/// Writes the names of the columns, then a line a frame.
+/// A writer of CSV: the names of the columns, then a line a frame.
 #[derive(Debug)]
 pub struct Writer<W> {
     out: W,
 }
 
 impl<W: Write> Writer<W> {
-    /// Writes the header.
+    /// Returns a writer that has written the names of the columns.
     pub fn new(mut out: W) -> io::Result<Self> {
         writeln!(out, "{COLUMNS}")?;
         Ok(Self { out })
     }
 
-    /// What was written to.
+    /// Returns the inner writer.
     pub fn into_inner(self) -> W {
         self.out
     }
 
-    /// Writes a row; it is there even if the next frame never comes.
+    /// Writes a row and flushes it, so that it is there even if the run ends early.
     pub fn row(&mut self, row: &Row) -> io::Result<()> {
         writeln!(self.out, "{}", row.csv())?;
         self.out.flush()

@@ -1,4 +1,5 @@
-//! The interface over the picture, drawn with egui: controls and figures, the help of keys, messages.
+//! The interface over the picture, drawn with egui: controls and figures, the help of keys,
+//! messages.
 //!
 //! [`Panel`] takes the events of a window; `contents` lays out what is seen; `painter` draws it.
 
@@ -24,22 +25,22 @@ use painter::Painter;
 /// A frame that the panel wants within this time is drawn even while the picture rests.
 const SOON: Duration = Duration::from_millis(100);
 
-/// What the panel shows.
+/// What the panel shows of the state of the window.
 #[derive(Clone, Copy, Debug)]
 pub struct State<'a> {
     /// The file's name.
     pub name: &'a str,
-    /// As asked, pixels.
+    /// Tolerance as asked, pixels.
     pub tolerance: f64,
     /// Factor of heights.
     pub exaggeration: f64,
     /// Colours and lines.
     pub look: Look,
-    /// The selection stays whatever the camera does.
+    /// True if the selection does not follow the camera.
     pub frozen: bool,
     /// How the camera moves.
     pub mode: Mode,
-    /// The help is shown.
+    /// True if the help is shown.
     pub help: bool,
     /// Figures of the last frames.
     pub figures: Figures,
@@ -47,14 +48,14 @@ pub struct State<'a> {
     pub messages: &'a [String],
 }
 
-/// What was asked for in the panel.
+/// What the user changed in the panel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Change {
-    /// This tolerance, pixels.
+    /// A new tolerance, pixels.
     Tolerance(f64),
-    /// This factor of heights.
+    /// A new factor of heights.
     Exaggeration(f64),
-    /// What a key stands for.
+    /// The command of a key.
     Obey(Command),
 }
 
@@ -64,15 +65,15 @@ pub struct Panel {
     events: egui_winit::State,
     painter: Painter,
     open: bool,
-    /// It may look otherwise than it was drawn.
+    /// True if it may look different from what was drawn last.
     stale: bool,
-    /// The mouse, in pixels, and whether it is over the panel.
+    /// The place of the mouse, in pixels, and whether it is over the panel.
     pointer: Option<PhysicalPosition<f64>>,
     over: bool,
 }
 
 impl Panel {
-    /// Open, for targets of a format.
+    /// Returns an open panel for targets of a format.
     pub fn new(gpu: &Gpu, format: wgpu::TextureFormat, window: &Window) -> Result<Self> {
         let context = context();
         let side = gpu.device.limits().max_texture_dimension_2d as usize;
@@ -83,20 +84,21 @@ impl Panel {
         Ok(Self { context, events, painter, open: true, stale: true, pointer: None, over: false })
     }
 
-    /// Open or closed.
+    /// Opens or closes it.
     pub fn toggle(&mut self) {
         self.open = !self.open;
         self.stale = true;
     }
 
-    /// True while it wants to be drawn again.
+    /// Returns true while it must be drawn again.
     pub fn busy(&self) -> bool {
         self.stale
     }
 
-    /// Hears of an event; true if it is for the panel alone.
+    /// Takes an event of the window; returns true if it is for the panel alone.
     ///
-    /// The end of a key or a button is for all: what was begun over the picture may end over the panel.
+    /// The release of a key or a button is never for the panel alone: a drag that began over the
+    /// picture may end over the panel.
     pub fn takes(&mut self, window: &Window, event: &WindowEvent) -> bool {
         match event {
             WindowEvent::RedrawRequested => return false,
@@ -135,7 +137,8 @@ impl Panel {
         }
     }
 
-    /// Whether the mouse is over it now: egui itself knows where it was in the last frame.
+    /// Returns whether the mouse is over it now; egui itself only knows where it was in the last
+    /// frame.
     fn is_over(&self, window: &Window) -> bool {
         let scale = egui_winit::pixels_per_point(&self.context, window);
         let at = self.pointer.map(|at| egui::pos2(at.x as f32 / scale, at.y as f32 / scale));
@@ -165,7 +168,7 @@ impl Panel {
     }
 }
 
-/// An egui context as the viewer uses it.
+/// Returns an egui context with the options of the viewer.
 fn context() -> Context {
     let context = Context::default();
     context.set_theme(egui::Theme::Dark);

@@ -1,4 +1,4 @@
-//! Camera paths: JSON in and out, and positions between the keys.
+//! Camera paths: read from and written to JSON, and interpolated between their keys.
 //!
 //! ```json
 //! {
@@ -11,10 +11,11 @@
 //! }
 //! ```
 //!
-//! `fov` is the vertical field of view in degrees (50 if it is not there). A key has its `time` in seconds, later than that of the key
-//! before, and either `eye` (column, row, height in metres) or `world` (x and y in the file's coordinate system, height in
-//! metres); its `target` is in the same terms. Exaggeration raises the target with the terrain, and the eye by as much. Between keys eye and target follow a smooth curve through all keys; a path
-//! of one key is a still picture.
+//! `fov` is the vertical field of view in degrees (50 if it is not there). A key has its `time` in
+//! seconds, later than that of the key before, and either `eye` (column, row, height in metres) or
+//! `world` (x and y in the file's coordinate system, height in metres); its `target` is in the same
+//! terms. Exaggeration raises the target with the terrain, and the eye by as much. Between keys eye
+//! and target follow a smooth curve through all keys; a path of one key is a still picture.
 
 use std::path::Path;
 
@@ -27,9 +28,9 @@ use crate::camera::{FOV, Pose};
 /// A pose at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Key {
-    /// Seconds.
+    /// Time in seconds.
     pub time: f64,
-    /// Where.
+    /// The pose at that time.
     pub pose: Pose,
 }
 
@@ -42,7 +43,7 @@ pub struct CameraPath {
 }
 
 impl CameraPath {
-    /// A path of these keys. Fails if there is none, or if times do not rise.
+    /// Returns a path of these keys. Fails if there is none, or if times do not rise.
     pub fn new(fov: f64, keys: Vec<Key>) -> Result<Self> {
         if keys.is_empty() {
             return Err(Error::usage("keys: a camera path needs at least one"));
@@ -56,18 +57,18 @@ impl CameraPath {
         Ok(Self { fov, keys })
     }
 
-    /// Reads a file; errors name it and the field.
+    /// Reads a file; errors name the file and the field.
     pub fn read(path: &Path, geo: &Geo) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(|error| Error::io(path, "read", error))?;
         Self::parse(&text, geo).map_err(|error| Error::usage(format!("{}: {error}", path.display())))
     }
 
-    /// The path of a JSON text; errors name the field.
+    /// Parses a JSON text; errors name the field.
     pub fn parse(text: &str, geo: &Geo) -> Result<Self> {
         let json: Value =
             serde_json::from_str(text).map_err(|error| Error::usage(format!("not JSON: {error}")))?;
         let Value::Object(all) = json else { return Err(Error::usage("expected an object with \"keys\"")) };
-        known(&all, "", &["fov", "keys"])?;
+        check_fields(&all, "", &["fov", "keys"])?;
         let fov = all.get("fov").map_or(Ok(FOV), |fov| number(fov, "fov"))?;
         if !(1.0..=170.0).contains(&fov) {
             return Err(Error::usage(format!("fov: expected 1 to 170 degrees, got {fov}")));
@@ -78,7 +79,8 @@ impl CameraPath {
         Self::new(fov, keys.collect::<Result<_>>()?)
     }
 
-    /// As JSON that [`CameraPath::parse`] reads, eyes and targets on the lattice.
+    /// Returns the path as JSON that [`CameraPath::parse`] reads, with eyes and targets on the
+    /// lattice.
     pub fn json(&self) -> String {
         let keys = self
             .keys
@@ -88,23 +90,24 @@ impl CameraPath {
         format!("{{\n  \"fov\": {},\n  \"keys\": [\n{}\n  ]\n}}\n", self.fov, lines.join(",\n"))
     }
 
-    /// Writes a file.
+    /// Writes the path to a file.
     pub fn write(&self, path: &Path) -> Result<()> {
         relevo_core::output::write(path, self.json().as_bytes(), true)
     }
 
-    /// The keys.
+    /// Returns the keys.
     pub fn keys(&self) -> &[Key] {
         &self.keys
     }
 
-    /// Seconds of the first and the last key.
+    /// Returns the times of the first and the last key.
     pub fn span(&self) -> (f64, f64) {
         let time = |key: Option<&Key>| key.map_or(0.0, |key| key.time);
         (time(self.keys.first()), time(self.keys.last()))
     }
 
-    /// The pose at a time; before the first and after the last key, theirs.
+    /// Returns the pose at a time; before the first key that of the first, after the last key that
+    /// of the last.
     pub fn at(&self, time: f64) -> Pose {
         let next = self.keys.partition_point(|key| key.time <= time);
         if next == 0 || next == self.keys.len() {
@@ -117,7 +120,7 @@ impl CameraPath {
     }
 }
 
-/// The piece between two keys, with their neighbours.
+/// The part of a path between two keys, with their neighbours.
 struct Curve<'a> {
     a: &'a Key,
     b: &'a Key,
@@ -126,7 +129,8 @@ struct Curve<'a> {
 }
 
 impl Curve<'_> {
-    /// Cubic Hermite; the slope at a key is that of the line between its neighbours, 0 at the ends of the path.
+    /// Returns a point of the cubic Hermite curve. The slope at a key is that of the line between
+    /// its neighbours, 0 at the ends of the path.
     fn at(&self, time: f64, of: impl Fn(&Pose) -> [f64; 3]) -> [f64; 3] {
         let length = self.b.time - self.a.time;
         let t = (time - self.a.time) / length;
@@ -148,7 +152,7 @@ impl Curve<'_> {
 fn parse_key(key: &Value, index: usize, geo: &Geo) -> Result<Key> {
     let place = format!("keys[{index}]");
     let key = key.as_object().ok_or_else(|| Error::usage(format!("{place}: expected an object")))?;
-    known(key, &format!("{place}."), &["time", "eye", "world", "target"])?;
+    check_fields(key, &format!("{place}."), &["time", "eye", "world", "target"])?;
     let field = |name: &str| key.get(name).map(|value| (value, format!("{place}.{name}")));
     let need = |name: &str| field(name).ok_or_else(|| Error::usage(format!("{place}.{name}: it is missing")));
     let (time, named) = need("time")?;
@@ -177,8 +181,8 @@ fn parse_key(key: &Value, index: usize, geo: &Geo) -> Result<Key> {
     Ok(Key { time, pose })
 }
 
-/// Fails on a field that is not among `names`: a slip of the pen must not go unnoticed.
-fn known(object: &Map<String, Value>, place: &str, names: &[&str]) -> Result<()> {
+/// Fails on a field that is not among `names`, so that a misspelt field is not ignored.
+fn check_fields(object: &Map<String, Value>, place: &str, names: &[&str]) -> Result<()> {
     let Some(other) = object.keys().find(|key| !names.contains(&key.as_str())) else { return Ok(()) };
     Err(Error::usage(format!("{place}{other}: no such field; there are {}", names.join(", "))))
 }

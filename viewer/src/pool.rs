@@ -1,17 +1,19 @@
-//! Slots of one atlas under a hard bound: who has which, who goes first.
+//! The slots of one atlas, which are fixed in number: which tile has which, and which tile gives
+//! its slot to another.
 //!
-//! A tile stays while a child of its is resident, while the frame uses it, and for a while after it came if no frame has
-//! used it yet. Of the others the least recently used goes.
+//! A tile stays while a child of its is resident, while the frame uses it, and for a while after it
+//! came if no frame has used it yet. Of the others the least recently used goes.
 
 use std::collections::HashMap;
 
 use relevo_core::TileId;
 
-/// Frames after which a tile that nobody used leaves, as in paper 001.
+/// Frames after which an unused tile leaves, as in paper 001.
 pub const UNUSED_FRAMES: u64 = 1_000;
-/// Frames for which a tile that came and was not used yet cannot be pushed out: its siblings may be on their way.
+/// Frames for which a tile that came and was not used yet keeps its slot: its siblings may be on
+/// their way.
 pub const FRESH_FRAMES: u64 = 20;
-/// Frames that a tile must have been unused for one that is loaded ahead to push it out.
+/// Frames that a tile must have been unused before one that is loaded ahead takes its slot.
 const STALE_FRAMES: u64 = 120;
 
 #[derive(Clone, Copy, Debug)]
@@ -22,17 +24,17 @@ struct Held {
     children: u8,
 }
 
-/// What became of a request for a slot.
+/// The outcome of a request for a slot.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Placed {
-    /// The slot, and the tile that had it before.
+    /// The tile has a slot, which another tile may have had before.
     At {
-        /// Slot number.
+        /// Number of the slot.
         slot: u32,
-        /// Who left.
+        /// The tile that had it before.
         gone: Option<TileId>,
     },
-    /// Its parent is not resident, or it is resident itself.
+    /// The tile is resident already, or its parent is not.
     Useless,
     /// All slots are taken by tiles that must stay.
     Full,
@@ -47,32 +49,32 @@ pub struct Pool {
 }
 
 impl Pool {
-    /// `capacity` empty slots.
+    /// Returns a pool of `capacity` empty slots.
     pub fn new(capacity: u32) -> Self {
         Self { capacity, free: (0..capacity).rev().collect(), held: HashMap::new() }
     }
 
-    /// Slots there are.
+    /// Returns the number of slots.
     pub fn capacity(&self) -> u32 {
         self.capacity
     }
 
-    /// Slots taken.
+    /// Returns the number of slots that are taken.
     pub fn len(&self) -> usize {
         self.held.len()
     }
 
-    /// True if no slot is taken.
+    /// Returns true if no slot is taken.
     pub fn is_empty(&self) -> bool {
         self.held.is_empty()
     }
 
-    /// The slot of a resident tile.
+    /// Returns the slot of a tile, if it is resident.
     pub fn slot(&self, id: TileId) -> Option<u32> {
         self.held.get(&id).map(|held| held.slot)
     }
 
-    /// Says that frame `now` uses a tile, and so its ancestors.
+    /// Marks a tile and its ancestors as used in frame `now`.
     pub fn touch(&mut self, id: TileId, now: u64) {
         let mut next = Some(id);
         while let Some(held) = next.and_then(|id| self.held.get_mut(&id)) {
@@ -86,7 +88,8 @@ impl Pool {
         }
     }
 
-    /// Finds a slot for a tile in frame `now`. One that is loaded `ahead` of its use gets what nobody misses.
+    /// Finds a slot for a tile in frame `now`. A tile that is loaded `ahead` of its use only takes
+    /// a slot that was not used for long.
     pub fn place(&mut self, id: TileId, now: u64, ahead: bool) -> Placed {
         let orphan = id.parent().is_some_and(|parent| !self.held.contains_key(&parent));
         if orphan || self.held.contains_key(&id) {
@@ -106,11 +109,12 @@ impl Pool {
         Placed::At { slot, gone }
     }
 
-    /// Frees the slots of tiles that no frame has used for [`UNUSED_FRAMES`].
+    /// Frees the slots of tiles that no frame has used for [`UNUSED_FRAMES`], and returns the
+    /// tiles.
     pub fn expire(&mut self, now: u64) -> Vec<TileId> {
         let mut gone: Vec<TileId> =
             self.held.iter().filter(|(_, held)| held.used + UNUSED_FRAMES < now).map(|(&id, _)| id).collect();
-        // Deep ones first. A tile with a child that stays stays.
+        // Deep ones first: a tile stays if one of its children does.
         gone.sort_by_key(|id| std::cmp::Reverse(*id));
         gone.retain(|id| {
             self.held.get(id).is_some_and(|held| held.children == 0) && id.level > 0 && self.drop_slot(*id)
@@ -124,7 +128,7 @@ impl Pool {
         true
     }
 
-    /// The tile to push out for a child of `parent`.
+    /// Returns the tile that gives its slot to a child of `parent`.
     fn oldest(&self, parent: Option<TileId>, now: u64, ahead: bool) -> Option<TileId> {
         let unused = if ahead { STALE_FRAMES } else { 1 };
         let may = |(id, held): &(&TileId, &Held)| {

@@ -1,4 +1,4 @@
-//! What is on the GPU: heights and images in slots under one budget, and what selection may draw of them.
+//! The tiles and images on the GPU: their slots, and their rows and tables for selection.
 
 use std::sync::Arc;
 
@@ -14,24 +14,24 @@ use crate::known::{KnownImages, KnownTiles};
 use crate::loader::{Delivery, Item, LoadedImage, LoadedTile};
 use crate::pool::{Placed, Pool};
 
-/// Where uploads go: the renderer, or nothing in a test.
+/// The target of uploads: the renderer, or a stand-in in tests.
 pub trait Store {
-    /// Heights of a tile into a slot.
+    /// Puts the heights of a tile into a slot.
     fn put_tile(&mut self, slot: u32, data: &TileData) -> Result<()>;
-    /// Texels of an image into a slot.
+    /// Puts the texels of an image into a slot.
     fn put_image(&mut self, slot: u32, texels: &Texels) -> Result<()>;
 }
 
-/// What became of a delivery.
+/// The outcome of a delivery.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Taken {
-    /// It is resident; so many bytes were uploaded, and who left for it.
+    /// The tile is resident: the bytes that were uploaded, and the tile that had its slot before.
     Yes(u64, Option<Item>),
-    /// It is of no use any more.
+    /// The tile is of no use any more.
     Useless(Item),
-    /// There is no slot that could be freed for it, though the view wants it now.
+    /// No slot can be freed for the tile, which the current view wants.
     Full(Item),
-    /// Likewise, and only the predicted view wants it.
+    /// No slot can be freed for the tile, which only the predicted view wants.
     Later(Item),
 }
 
@@ -45,7 +45,7 @@ pub struct Residency {
 }
 
 impl Residency {
-    /// Empty slots; `root` and `images` are the rows of the root tiles.
+    /// Returns empty slots; `root` and `image_root` are the rows of the root tiles.
     pub fn new((tiles, images): (u32, u32), header: Header, root: Node, image_root: Option<u8>) -> Self {
         Self {
             tiles: Pool::new(tiles),
@@ -55,32 +55,33 @@ impl Residency {
         }
     }
 
-    /// Slots taken: tiles, images.
+    /// Returns the numbers of slots that tiles and images have taken.
     pub fn taken(&self) -> (usize, usize) {
         (self.tiles.len(), self.images.len())
     }
 
-    /// Slots for tiles.
+    /// Returns the number of slots for tiles.
     pub fn tile_slots(&self) -> u32 {
         self.tiles.capacity()
     }
 
-    /// What selection may know of the imagery.
+    /// Returns the rows of the imagery for selection, if there is imagery.
     pub fn images(&self) -> Option<&dyn Images> {
         self.known_images.as_ref().map(|images| images as &dyn Images)
     }
 
-    /// The slot of a tile.
+    /// Returns the slot of a tile, if it is resident.
     pub fn tile_slot(&self, id: TileId) -> Option<u32> {
         self.tiles.slot(id)
     }
 
-    /// The slot of an image.
+    /// Returns the slot of an image, if it is resident.
     pub fn image_slot(&self, id: TileId) -> Option<u32> {
         self.images.slot(id)
     }
 
-    /// Says that frame `now` draws a selection: nothing of it leaves in this frame.
+    /// Marks the tiles and images of a selection as drawn in frame `now`: none of them leaves in
+    /// this frame.
     pub fn touch(&mut self, selection: &Selection, draws: &[Draw], now: u64) {
         for tile in &selection.tiles {
             self.tiles.touch(tile.id, now);
@@ -90,13 +91,14 @@ impl Residency {
         }
     }
 
-    /// Puts a delivery into a slot, in frame `now`; `None` if it is not a tile.
+    /// Puts a delivered tile into a slot, in frame `now`; returns `None` if the delivery is not a
+    /// tile.
     pub fn take(&mut self, delivery: &Delivery, now: u64, store: &mut dyn Store) -> Result<Option<Taken>> {
         match delivery {
             Delivery::Tile(tile) => self.take_tile(tile, now, store).map(Some),
             Delivery::Image(image) => self.take_image(image, now, store).map(Some),
             Delivery::Bad(item, _) => {
-                self.spoil(*item);
+                self.mark_unreadable(*item);
                 Ok(None)
             }
             Delivery::Settled(_) | Delivery::Ground(_) => Ok(None),
@@ -141,15 +143,15 @@ impl Residency {
         })
     }
 
-    fn spoil(&mut self, item: Item) {
+    fn mark_unreadable(&mut self, item: Item) {
         match (item, &mut self.known_images) {
-            (Item::Tile(id), _) => self.known_tiles.spoil(id),
-            (Item::Image(id), Some(images)) => images.spoil(id),
+            (Item::Tile(id), _) => self.known_tiles.mark_unreadable(id),
+            (Item::Image(id), Some(images)) => images.mark_unreadable(id),
             (Item::Image(_), None) => {}
         }
     }
 
-    /// Frees what no frame has used for long; says what.
+    /// Frees the slots of tiles and images that no frame has used for long, and returns them.
     pub fn expire(&mut self, now: u64) -> Vec<Item> {
         let tiles = self.tiles.expire(now);
         for &id in &tiles {

@@ -1,4 +1,5 @@
-//! One frame: what is chosen among what is resident, what has come since, what is to be loaded.
+//! The scene of a file: chooses what a frame draws of the resident tiles, takes deliveries, and
+//! asks the loader for more.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,43 +13,44 @@ use relevo_core::{Error, Result, TileId};
 
 use crate::camera;
 use crate::gpu::Sizes;
-use crate::loader::{AHEAD, Ask, Delivery, Item, Loader, Message};
+use crate::loader::{AHEAD, Delivery, Item, Loader, Message, Request};
 use crate::pool::FRESH_FRAMES;
 use crate::residency::{Residency, Store, Taken};
 
 /// Pixels that a texel may cover before a finer image is wanted (papers 000 and 001).
 pub const MAGNIFICATION: f64 = 1.5;
-/// Bytes uploaded in a frame at most, but always one tile.
+/// Most bytes uploaded in a frame; one tile is always uploaded.
 const UPLOAD_BYTES: u64 = 8 << 20;
-/// Frames between two times that less is asked for: what is on its way then comes first.
+/// Frames between two reductions of what is asked for, so that tiles on their way arrive first.
 const PAUSE: u64 = 10;
-/// Frames after such a time until more is asked for.
+/// Frames from a reduction until more is asked for again.
 const PATIENCE: u64 = 60;
-/// Questions that a picture may need until all is there; each can go down many levels.
+/// Most requests for a frame until all is there; each can go down many levels.
 const ROUNDS: usize = 1_000;
 
-/// An open file, and the memory that is kept of it.
+/// An open file, and the budget for its decoded tiles.
 pub struct Terrain {
     reader: Arc<Reader>,
     for_tiles: u64,
 }
 
 impl Terrain {
-    /// Opens a file. `ram_cache` bytes of decoded tiles are kept.
+    /// Opens a file. `ram_cache` is the budget for decoded tiles in bytes.
     pub fn open(path: &Path, ram_cache: u64) -> Result<Self> {
-        // The reader keeps ancestors of what it decodes; the rest of the budget is for what is decoded.
+        // The reader keeps the ancestors of tiles that it decodes; the rest of the budget is for
+        // decoded tiles.
         let for_reader = ram_cache / 4;
         let options = ReaderOptions { cache_bytes: for_reader, ..ReaderOptions::default() };
         let reader = Arc::new(Reader::open_with(path, options)?);
         Ok(Self { reader, for_tiles: ram_cache - for_reader })
     }
 
-    /// The file.
+    /// Returns the reader of the file.
     pub fn reader(&self) -> &Arc<Reader> {
         &self.reader
     }
 
-    /// What a renderer would need to hold all of the file at once.
+    /// Returns the sizes of a renderer that holds all of the file at once.
     pub fn sizes(&self) -> Sizes {
         let count = |tiles: u64| u32::try_from(tiles).unwrap_or(u32::MAX);
         let header = self.reader.header();
@@ -64,37 +66,38 @@ impl Terrain {
     }
 }
 
-/// What to draw, with where it lies on the GPU.
+/// What a frame draws, and where it lies on the GPU.
 #[derive(Clone, Debug, Default)]
-pub struct Picture {
-    /// Tiles.
+pub struct FramePlan {
+    /// The tiles.
     pub selection: Selection,
-    /// Slot of each.
+    /// Slot of each tile.
     pub slots: Vec<u32>,
-    /// Virtual tiles.
+    /// Virtual tiles: tiles, each once for every image on it.
     pub draws: Vec<Draw>,
-    /// Image slot of each.
+    /// Image slot of each virtual tile.
     pub images: Vec<Option<u32>>,
     /// Tiles and images that are wanted and not resident.
     pub pending: usize,
-    /// Milliseconds of selection.
+    /// Milliseconds that the selection took.
     pub select_ms: f64,
 }
 
-/// A terrain, a loader, and what is resident of it.
+/// A terrain, its loader, and its resident tiles.
 pub struct Scene {
     reader: Arc<Reader>,
     loader: Loader,
     residency: Residency,
     frame: Frame,
     rule: EdgeRule,
-    /// Tiles that a selection may have, so that they and their ancestors have slots.
+    /// Most tiles of a selection, so that they and their ancestors have slots.
     most_tiles: usize,
-    /// Pixels that a texel may cover: more than [`MAGNIFICATION`] where finer images have no slots.
+    /// Most pixels that a texel may cover: above [`MAGNIFICATION`] where finer images have no
+    /// slots.
     magnification: f64,
     now: u64,
     serial: u64,
-    /// The last frame in which less was asked for than before.
+    /// The frame of the last reduction of what is asked for.
     lowered: u64,
     /// Frames from then until more is asked for again.
     patience: u64,
@@ -105,7 +108,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Of a terrain, with as many slots as `sizes` says.
+    /// Returns the scene of a terrain, with the slots of `sizes`.
     pub fn new(terrain: Terrain, sizes: Sizes, rule: EdgeRule, exaggeration: f64) -> Result<Self> {
         let Terrain { reader, for_tiles } = terrain;
         let absent = || Error::format("index", "a root tile", "none").at(reader.path());
@@ -137,42 +140,42 @@ impl Scene {
         })
     }
 
-    /// The file.
+    /// Returns the reader of the file.
     pub fn reader(&self) -> &Reader {
         &self.reader
     }
 
-    /// Where things stand.
+    /// Returns the frame: the spacing of samples and the exaggeration.
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
 
-    /// Lowest and highest height of the file, metres.
+    /// Returns the lowest and the highest height of the file, metres.
     pub fn heights(&self) -> (f32, f32) {
         self.residency.node(TileId::ROOT).map_or((0.0, 1.0), |root| (root.low, root.high))
     }
 
-    /// Other heights.
+    /// Sets the exaggeration of heights.
     pub fn exaggerate(&mut self, exaggeration: f64) {
         self.frame.exaggeration = exaggeration;
     }
 
-    /// The edge rule.
+    /// Returns the edge rule.
     pub fn rule(&self) -> EdgeRule {
         self.rule
     }
 
-    /// Resident tiles and images.
+    /// Returns the numbers of resident tiles and images.
     pub fn resident(&self) -> (usize, usize) {
         self.residency.taken()
     }
 
-    /// Height of the ground under the last eye, metres of the frame.
+    /// Returns the height of the ground under the last eye, metres of the frame.
     pub fn ground(&self) -> Option<f64> {
         self.ground.map(|metres| metres * self.frame.exaggeration)
     }
 
-    /// What could not be read since this was asked last.
+    /// Returns and forgets the sentences about tiles that could not be read.
     pub fn take_problems(&mut self) -> Vec<String> {
         std::mem::take(&mut self.problems)
     }
@@ -183,8 +186,8 @@ impl Scene {
         Options { tolerance, rule: self.rule, imbalance, max_tiles: self.most_tiles }
     }
 
-    /// What is to be drawn of what is resident; it stays so in this frame.
-    pub fn choose(&mut self, view: &View, tolerance: f64) -> Picture {
+    /// Chooses what this frame draws of the resident tiles; none of them leaves in this frame.
+    pub fn choose(&mut self, view: &View, tolerance: f64) -> FramePlan {
         let begun = Instant::now();
         let options = self.options(tolerance);
         let selection = select(&self.residency, &self.frame, view, &options);
@@ -193,29 +196,30 @@ impl Scene {
         let layer = layer.map(|images| Layer { images, texels, magnification: self.magnification });
         let (draws, wanted) = imagery::assign(&selection, layer, &self.frame, view);
         self.residency.touch(&selection, &draws, self.now);
-        let mut picture = Picture { pending: selection.wanted.len() + wanted.len(), ..Picture::default() };
-        picture.slots =
+        let mut plan = FramePlan { pending: selection.wanted.len() + wanted.len(), ..FramePlan::default() };
+        plan.slots =
             selection.tiles.iter().map(|tile| self.residency.tile_slot(tile.id).unwrap_or(0)).collect();
         let slot = |draw: &Draw| draw.image.and_then(|id| self.residency.image_slot(id));
-        picture.images = draws.iter().map(slot).collect();
-        (picture.selection, picture.draws) = (selection, draws);
-        picture.select_ms = begun.elapsed().as_secs_f64() * 1e3;
-        picture
+        plan.images = draws.iter().map(slot).collect();
+        (plan.selection, plan.draws) = (selection, draws);
+        plan.select_ms = begun.elapsed().as_secs_f64() * 1e3;
+        plan
     }
 
-    /// Says again that a picture is drawn in this frame, so that nothing of it leaves.
-    pub fn keep(&mut self, picture: &Picture) {
-        self.residency.touch(&picture.selection, &picture.draws, self.now);
+    /// Marks the tiles and images of a plan as drawn in this frame too, so that none of them
+    /// leaves.
+    pub fn keep(&mut self, plan: &FramePlan) {
+        self.residency.touch(&plan.selection, &plan.draws, self.now);
     }
 
-    /// The next frame begins.
+    /// Begins the next frame.
     pub fn advance(&mut self) {
         self.now += 1;
         let gone = self.residency.expire(self.now);
         if !gone.is_empty() {
             self.loader.send(Message::Gone(gone));
         }
-        // What was refused under pressure may have room by and by.
+        // There may be room by now for what was refused.
         if self.now > self.lowered + self.patience {
             let more = self.most_tiles.saturating_add(1 + self.most_tiles / 32);
             self.most_tiles =
@@ -224,32 +228,33 @@ impl Scene {
         }
     }
 
-    /// A frame of what is there: never waits. Fails if the root tile cannot be read.
-    pub fn stream(&mut self, store: &mut dyn Store, view: &View, tolerance: f64) -> Result<Picture> {
+    /// Plans a frame of the resident tiles and asks for the missing ones; never waits. Fails if the
+    /// root tile cannot be read.
+    pub fn stream(&mut self, store: &mut dyn Store, view: &View, tolerance: f64) -> Result<FramePlan> {
         self.patience = PATIENCE;
         self.advance();
-        let picture = self.choose(view, tolerance);
-        self.ask(view, tolerance, true);
+        let plan = self.choose(view, tolerance);
+        self.request(view, tolerance, true);
         let mut uploaded = 0;
         while uploaded < UPLOAD_BYTES {
             let Some(delivery) = self.loader.poll() else { break };
             uploaded += self.receive(&delivery, store)?;
         }
-        self.fatal.clone().map_or(Ok(picture), |what| Err(Error::usage(what)))
+        self.fatal.clone().map_or(Ok(plan), |what| Err(Error::usage(what)))
     }
 
-    /// A frame with everything that it wants loaded, waiting for it.
-    pub fn settle(&mut self, store: &mut dyn Store, view: &View, tolerance: f64) -> Result<Picture> {
-        // To be refused costs a round here, not a frame.
+    /// Plans a frame after all tiles that it wants are loaded; waits for them.
+    pub fn settle(&mut self, store: &mut dyn Store, view: &View, tolerance: f64) -> Result<FramePlan> {
+        // A refusal costs a round here, not a frame.
         self.patience = 0;
         self.advance();
         for _ in 0..ROUNDS {
-            let picture = self.choose(view, tolerance);
-            if picture.pending == 0 && !picture.selection.tiles.is_empty() {
-                return Ok(picture);
+            let plan = self.choose(view, tolerance);
+            if plan.pending == 0 && !plan.selection.tiles.is_empty() {
+                return Ok(plan);
             }
             let before = self.lowered;
-            let serial = self.ask(view, tolerance, false);
+            let serial = self.request(view, tolerance, false);
             let mut came = false;
             loop {
                 let delivery = self.loader.wait()?;
@@ -276,7 +281,7 @@ impl Scene {
         Ok(self.choose(view, tolerance))
     }
 
-    fn ask(&mut self, view: &View, tolerance: f64, ahead: bool) -> u64 {
+    fn request(&mut self, view: &View, tolerance: f64, ahead: bool) -> u64 {
         self.serial += 1;
         let mut views = vec![*view];
         let before = self.last.replace((*view, Instant::now()));
@@ -286,7 +291,7 @@ impl Scene {
             views.push(camera::predict(&before, view, when.elapsed().as_secs_f64(), AHEAD));
         }
         let options = self.options(tolerance);
-        self.loader.ask(Ask {
+        self.loader.request(Request {
             serial: self.serial,
             views,
             frame: self.frame,
@@ -296,7 +301,7 @@ impl Scene {
         self.serial
     }
 
-    /// Takes a delivery; says how many bytes were uploaded.
+    /// Takes a delivery; returns the number of bytes uploaded.
     fn receive(&mut self, delivery: &Delivery, store: &mut dyn Store) -> Result<u64> {
         match delivery {
             Delivery::Ground(metres) => self.ground = Some(*metres),
@@ -342,8 +347,9 @@ impl Scene {
     }
 }
 
-/// Tiles that a selection may have at first: all, if all of the file's have slots; else two thirds of the slots, as a quadtree's
-/// inner nodes are a third of its leaves and siblings wait beside them. Where that is too many for the view at hand, a refusal lowers it.
+/// Returns the most tiles of a selection at first: no limit if all tiles of the file have slots;
+/// else two thirds of the slots, as a quadtree's inner nodes are a third of its leaves and siblings
+/// wait beside them. Where that is too many for a view, a refusal lowers it.
 fn most_tiles(slots: u32, of_file: u64) -> usize {
     if u64::from(slots) >= of_file { usize::MAX } else { (slots as usize * 2 / 3).max(1) }
 }

@@ -1,4 +1,4 @@
-//! What a user asks for, parsed.
+//! The settings of a window or of a run without one, and the parsers of their texts.
 
 use std::path::PathBuf;
 
@@ -13,13 +13,14 @@ pub enum Lod {
     /// Tiles by their errors, and the steps of their patches by theirs.
     #[default]
     Hybrid,
-    /// Tiles by their errors, every patch at full resolution: chunked level of detail, to compare with.
+    /// Tiles by their errors, every patch at full resolution: chunked level of detail, to compare
+    /// with.
     Tiles,
     /// The leaves at full resolution.
     Full,
 }
 
-/// What the numbers of a place count, before the height in metres.
+/// The system of the two coordinates of a place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Coordinates {
     /// Columns and rows of samples.
@@ -31,7 +32,7 @@ pub enum Coordinates {
     LonLat,
 }
 
-/// What both the window and the headless run are told.
+/// Settings of the window and of the runs without one.
 #[derive(Clone, Debug)]
 pub struct Settings {
     /// The `.rlv` file.
@@ -40,29 +41,29 @@ pub struct Settings {
     pub tolerance: f64,
     /// Factor of heights.
     pub exaggeration: f64,
-    /// Edge rule.
+    /// Rule for the steps of shared edges.
     pub rule: EdgeRule,
     /// What chooses the triangles; a window takes [`Lod::Hybrid`].
     pub lod: Lod,
-    /// Bytes on the GPU.
+    /// Budget on the GPU, in bytes.
     pub gpu_memory: u64,
-    /// Bytes of decoded tiles in main memory.
+    /// Budget for decoded tiles in main memory, in bytes.
     pub ram_cache: u64,
-    /// Picture or window, in pixels.
+    /// Size of the picture or the window, in pixels.
     pub size: (u32, u32),
-    /// What a frame may cost.
+    /// Limit for the cost of a frame.
     pub target: Option<Target>,
     /// `auto`, `software`, or a part of an adapter's name.
     pub adapter: String,
     /// Colours.
     pub paint: Paint,
-    /// Edges of triangles.
+    /// Draw the edges of triangles.
     pub wireframe: bool,
-    /// Borders of tiles.
+    /// Draw the borders of tiles.
     pub borders: bool,
 }
 
-/// Bytes of a text such as `512MiB`, `2GiB`, `1500000`.
+/// Parses a number of bytes such as `512MiB`, `2GiB`, `1500000`.
 pub fn bytes(text: &str) -> Result<u64, String> {
     let text = text.trim();
     let at = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
@@ -82,7 +83,7 @@ pub fn bytes(text: &str) -> Result<u64, String> {
     Ok((number * factor as f64) as u64)
 }
 
-/// Width and height of a text such as `1280x720`.
+/// Parses a width and a height such as `1280x720`.
 pub fn size(text: &str) -> Result<(u32, u32), String> {
     let bad = || format!("{text:?} is not a size; write 1280x720, each at most 16384");
     let (width, height) = text.split_once(['x', 'X']).ok_or_else(bad)?;
@@ -90,13 +91,13 @@ pub fn size(text: &str) -> Result<(u32, u32), String> {
     Ok((side(width).ok_or_else(bad)?, side(height).ok_or_else(bad)?))
 }
 
-/// A number above 0.
+/// Parses a number above 0.
 pub fn positive(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number > 0.0);
     number.ok_or_else(|| format!("{text:?} is not a number above 0"))
 }
 
-/// Two coordinates and a height of a text such as `600,400,2500`.
+/// Parses two coordinates and a height such as `600,400,2500`.
 pub fn place(text: &str) -> Result<[f64; 3], String> {
     let bad = || format!("{text:?} is not a place; write two coordinates and a height: 600,400,2500");
     let numbers: Option<Vec<f64>> = text

@@ -1,4 +1,5 @@
-//! A frame of the window: controls, picture, panel, title. What keys and the panel ask for is done in `commands`.
+//! The frames of the window: camera, selection, drawing, panel, title. `commands` carries out what
+//! keys and the panel ask for.
 
 mod commands;
 
@@ -20,20 +21,20 @@ use crate::input::Input;
 use crate::metrics::Figures;
 use crate::panel::{Change, Panel, State};
 use crate::path::Key;
-use crate::scene::{Picture, Terrain};
+use crate::scene::{FramePlan, Terrain};
 use crate::settings::Settings;
 use crate::stage::{Drawing, Stage, promised};
 
-/// How long a message stays.
+/// Time for which a message is shown.
 const NOTICE: Duration = Duration::from_secs(6);
 /// Time between two titles.
 const TITLE: Duration = Duration::from_millis(500);
-/// What stands in the window until somebody touches it.
+/// The message that is shown until the first key or drag.
 const HINT: &str = "H shows the keys, Tab hides the panel, Home shows the whole terrain";
-/// Frames that are drawn after the last change: uploads and counters need some.
+/// Frames that are drawn after the last change, as uploads and counters take some.
 const SETTLE_FRAMES: u32 = 4;
 
-/// What the window shows.
+/// The state of the window and what draws it.
 pub struct Show {
     canvas: Canvas,
     stage: Stage,
@@ -43,15 +44,15 @@ pub struct Show {
     name: String,
     rig: Rig,
     look: Look,
-    /// As asked; what is drawn may have a higher one while the camera moves.
+    /// As asked; `drawn_tolerance` may be higher while the camera moves.
     tolerance: f64,
     governor: Governor,
     drawn_tolerance: f64,
     help: bool,
-    /// How to come to the help, until the first key or drag.
+    /// True until the first key or drag.
     hint: bool,
-    /// The selection that is drawn whatever the camera does, with its steps.
-    frozen: Option<(Picture, Levels)>,
+    /// The plan that is drawn although the camera moves, with its steps.
+    frozen: Option<(FramePlan, Levels)>,
     recording: Option<(Instant, Vec<Key>)>,
     notices: Vec<(String, Instant)>,
     messages: Vec<String>,
@@ -60,13 +61,13 @@ pub struct Show {
     drawn: Drawn,
     quiet: u32,
     counted: (Instant, u32),
-    /// As the title says them.
+    /// As the title shows them.
     figures: Figures,
     visible: bool,
 }
 
 impl Show {
-    /// Device, scene and camera for a window.
+    /// Returns device, scene and camera for a window.
     pub fn new(
         window: Arc<Window>,
         display: Box<OwnedDisplayHandle>,
@@ -113,17 +114,17 @@ impl Show {
         Ok(show)
     }
 
-    /// The window.
+    /// Returns the window.
     pub fn window(&self) -> &Window {
         self.canvas.window()
     }
 
-    /// False while the window has no size.
+    /// Returns false while one side of the window is 0.
     pub fn visible(&self) -> bool {
         self.visible
     }
 
-    /// True while the next frame may differ from the last.
+    /// Returns true while the next frame may differ from the last.
     pub fn busy(&self) -> bool {
         if self.panel.busy() {
             return true;
@@ -131,7 +132,7 @@ impl Show {
         self.input.active() || self.quiet < SETTLE_FRAMES || self.recording.is_some()
     }
 
-    /// Another size in pixels; nothing is drawn while one side is 0.
+    /// Sets the size in pixels; nothing is drawn while one side is 0.
     pub fn resize(&mut self, size: (u32, u32)) {
         self.visible = size.0 > 0 && size.1 > 0;
         if self.visible {
@@ -140,12 +141,12 @@ impl Show {
         self.quiet = 0;
     }
 
-    /// What is to be said in the terminal.
+    /// Returns and forgets the messages for the terminal.
     pub fn take_messages(&mut self) -> Vec<String> {
         std::mem::take(&mut self.messages)
     }
 
-    /// The hint has been seen.
+    /// Hides the hint.
     pub fn end_hint(&mut self) {
         if std::mem::take(&mut self.hint) {
             self.quiet = 0;
@@ -159,13 +160,14 @@ impl Show {
         self.quiet = 0;
     }
 
-    /// In the window and in the terminal.
+    /// Shows a message in the window and in the terminal.
     fn say(&mut self, text: String) {
         self.messages.push(text.clone());
         self.notice(text);
     }
 
-    /// Metres of the frame above the ground, at least a little.
+    /// Returns the height of the eye above the ground in metres of the frame, at least 40 near
+    /// planes.
     fn above(&self) -> f64 {
         let frame = self.stage.scene.frame();
         let ground = self.stage.scene.ground();
@@ -179,7 +181,7 @@ impl Show {
         self.rig.pose(frame).view(frame, FOV, self.canvas.size())
     }
 
-    /// Draws a frame. Fails if it makes no sense to go on.
+    /// Draws a frame. An error ends the program.
     pub fn frame(&mut self) -> Result<()> {
         if !self.visible {
             return Ok(());
@@ -198,7 +200,7 @@ impl Show {
         let steady = tolerance == self.drawn_tolerance;
         self.drawn_tolerance = tolerance;
 
-        let picture = self.choose(&view)?;
+        let plan = self.choose(&view)?;
         for problem in self.stage.scene.take_problems() {
             self.say(problem);
         }
@@ -207,25 +209,24 @@ impl Show {
         let size = self.canvas.size();
         let levels = self.frozen.as_ref().map(|(_, levels)| levels);
         let drawing = Drawing { view: &view, tolerance, look: self.look, levels };
-        self.stage.draw(&picture, &drawing, &target, size)?;
+        self.stage.draw(&plan, &drawing, &target, size)?;
         let changes = self.draw_panel(now, &target)?;
         self.stage.gpu.queue.present(texture);
         let drawn = self.stage.renderer.latest(&self.stage.gpu)?;
-        let same =
-            drawn == self.drawn && steady && !moving && picture.pending == 0 && self.notices.is_empty();
+        let same = drawn == self.drawn && steady && !moving && plan.pending == 0 && self.notices.is_empty();
         self.drawn = drawn;
         self.quiet = if same { self.quiet.saturating_add(1) } else { 0 };
-        self.title(now, &picture, &view);
+        self.title(now, &plan, &view);
         changes.into_iter().try_for_each(|change| self.change(change))?;
         Ok(())
     }
 
-    /// True if the panel wants an event: it is not for the camera then.
+    /// Gives an event to the panel; returns true if the camera must not take it.
     pub fn panel_takes(&mut self, event: &WindowEvent) -> bool {
         self.panel.takes(self.canvas.window(), event)
     }
 
-    /// The panel over the picture; what was changed in it.
+    /// Draws the panel over the picture; returns what the user changed in it.
     fn draw_panel(&mut self, now: Instant, target: &wgpu::TextureView) -> Result<Vec<Change>> {
         let messages = self.lines(now);
         let state = State {
@@ -242,7 +243,7 @@ impl Show {
         self.panel.draw(&self.stage.gpu, &self.canvas, &state, target)
     }
 
-    /// The camera that shows everything, as at the start.
+    /// Moves the camera to where it shows the whole terrain, as at the start.
     fn go_home(&mut self) -> Result<()> {
         let frame = *self.stage.scene.frame();
         let overview = flyover::overview(self.stage.scene.reader(), frame.exaggeration)?;
@@ -262,21 +263,21 @@ impl Show {
         }
     }
 
-    fn choose(&mut self, view: &View) -> Result<Picture> {
-        let Some((picture, _)) = &self.frozen else { return self.stage.stream(view, self.drawn_tolerance) };
+    fn choose(&mut self, view: &View) -> Result<FramePlan> {
+        let Some((plan, _)) = &self.frozen else { return self.stage.stream(view, self.drawn_tolerance) };
         self.stage.scene.advance();
-        self.stage.scene.keep(picture);
-        Ok(picture.clone())
+        self.stage.scene.keep(plan);
+        Ok(plan.clone())
     }
 
-    /// Messages that are not too old, and the hint.
+    /// Returns the messages that are not too old, and the hint.
     fn lines(&mut self, now: Instant) -> Vec<String> {
         self.notices.retain(|(_, since)| now - *since < NOTICE);
         let hint = self.hint.then(|| HINT.to_owned());
         self.notices.iter().map(|(text, _)| text.clone()).chain(hint).collect()
     }
 
-    fn title(&mut self, now: Instant, picture: &Picture, view: &View) {
+    fn title(&mut self, now: Instant, plan: &FramePlan, view: &View) {
         self.counted.1 += 1;
         let seconds = (now - self.counted.0).as_secs_f64();
         if seconds < TITLE.as_secs_f64() {
@@ -285,17 +286,17 @@ impl Show {
         let fps = f64::from(self.counted.1) / seconds;
         self.counted = (now, 0);
         let (frame, rule) = (self.stage.scene.frame(), self.stage.scene.rule());
-        let of_view = || Levels::of(&picture.selection, frame, view, self.drawn_tolerance, rule);
+        let of_view = || Levels::of(&plan.selection, frame, view, self.drawn_tolerance, rule);
         let levels = self.frozen.as_ref().map_or_else(of_view, |(_, levels)| levels.clone());
         let figures = Figures {
             fps,
-            tiles: picture.selection.tiles.len(),
+            tiles: plan.selection.tiles.len(),
             patches: self.drawn.patches,
             triangles: self.drawn.triangles,
             megabytes: self.stage.gpu_bytes() as f64 / f64::from(1 << 20),
-            pending: picture.pending,
+            pending: plan.pending,
             tolerance: self.drawn_tolerance,
-            promised: promised(&picture.selection, &levels, frame, view),
+            promised: promised(&plan.selection, &levels, frame, view),
         };
         self.figures = figures;
         let state = match (&self.frozen, &self.recording) {

@@ -8,20 +8,20 @@ use relevo_core::{Error, Result};
 
 use crate::gpu::{FrameInput, Gpu, Look, Paint, Renderer};
 use crate::residency::Store;
-use crate::scene::{Picture, Scene, Terrain};
+use crate::scene::{FramePlan, Scene, Terrain};
 use crate::settings::Settings;
 
-/// Scene, device, renderer.
+/// Device, renderer and scene.
 pub struct Stage {
     /// The device.
     pub gpu: Gpu,
-    /// What draws.
+    /// The renderer.
     pub renderer: Renderer,
-    /// What is drawn.
+    /// The scene.
     pub scene: Scene,
 }
 
-/// Uploads of a scene go straight to the renderer.
+/// A store that uploads to the renderer.
 struct Uploads<'a> {
     gpu: &'a Gpu,
     renderer: &'a mut Renderer,
@@ -37,21 +37,21 @@ impl Store for Uploads<'_> {
     }
 }
 
-/// How a picture is drawn, apart from what is in it.
+/// How a plan is drawn.
 #[derive(Clone, Copy, Debug)]
 pub struct Drawing<'a> {
-    /// Camera.
+    /// The camera.
     pub view: &'a View,
-    /// Pixels.
+    /// Tolerance in pixels.
     pub tolerance: f64,
-    /// Colours.
+    /// Colours and lines.
     pub look: Look,
     /// Steps to draw instead of those that belong to the view.
     pub levels: Option<&'a Levels>,
 }
 
 impl Stage {
-    /// For pictures of at most `size` pixels on targets of a format.
+    /// Returns a stage for pictures of at most `size` pixels on targets of a format.
     pub fn new(
         gpu: Gpu,
         terrain: Terrain,
@@ -65,32 +65,32 @@ impl Stage {
         Ok(Self { gpu, renderer, scene })
     }
 
-    /// What is there of a view; never waits for the loader.
-    pub fn stream(&mut self, view: &View, tolerance: f64) -> Result<Picture> {
+    /// Plans a frame of the resident tiles; never waits for the loader.
+    pub fn stream(&mut self, view: &View, tolerance: f64) -> Result<FramePlan> {
         let mut uploads = Uploads { gpu: &self.gpu, renderer: &mut self.renderer };
         self.scene.stream(&mut uploads, view, tolerance)
     }
 
-    /// A view with everything loaded.
-    pub fn settle(&mut self, view: &View, tolerance: f64) -> Result<Picture> {
+    /// Plans a frame after all tiles that it wants are loaded.
+    pub fn settle(&mut self, view: &View, tolerance: f64) -> Result<FramePlan> {
         let mut uploads = Uploads { gpu: &self.gpu, renderer: &mut self.renderer };
         self.scene.settle(&mut uploads, view, tolerance)
     }
 
-    /// Draws a picture.
+    /// Draws a plan on a target of `size` pixels.
     pub fn draw(
         &mut self,
-        picture: &Picture,
+        plan: &FramePlan,
         drawing: &Drawing<'_>,
         target: &wgpu::TextureView,
         size: (u32, u32),
     ) -> Result<()> {
         let frame = *self.scene.frame();
         let input = FrameInput {
-            selection: &picture.selection,
-            slots: &picture.slots,
-            draws: &picture.draws,
-            images: &picture.images,
+            selection: &plan.selection,
+            slots: &plan.slots,
+            draws: &plan.draws,
+            images: &plan.images,
             view: drawing.view,
             frame: &frame,
             tolerance: drawing.tolerance,
@@ -101,12 +101,12 @@ impl Stage {
         self.renderer.render(&self.gpu, &input, target, size)
     }
 
-    /// Bytes of the GPU's memory that the renderer has.
+    /// Returns the bytes of graphics memory that the renderer has.
     pub fn gpu_bytes(&self) -> u64 {
         self.renderer.bytes()
     }
 
-    /// The look that belongs to a file: tints over its range of heights, the sun in the north-west.
+    /// Returns the look for the file: tints over its range of heights, the sun in the north-west.
     pub fn look(&self, settings: &Settings) -> Look {
         let (low, high) = self.scene.heights();
         Look {
@@ -120,12 +120,13 @@ impl Stage {
     }
 }
 
-/// The sky, linear RGB.
+/// Colour of the sky, linear RGB.
 const CLEAR: [f64; 3] = [0.30, 0.46, 0.68];
-/// From the north-west, 40 degrees high.
+/// Direction of the sun: in the north-west, 40 degrees high.
 const SUN: [f32; 3] = [-0.541_675, 0.541_675, 0.642_788];
 
-/// Largest projected error of a drawn patch, in pixels: what the tables promise of the steps that were drawn.
+/// Returns the largest projected error of a drawn patch in pixels, from the tables at the steps
+/// that were drawn.
 pub fn promised(selection: &Selection, levels: &Levels, frame: &Frame, view: &View) -> f64 {
     let count = (selection.patches * selection.patches) as usize;
     let planes = view.planes();
@@ -146,7 +147,8 @@ pub fn promised(selection: &Selection, levels: &Levels, frame: &Frame, view: &Vi
     worst
 }
 
-/// A device without a window: `auto`, `software`, or a part of an adapter's name.
+/// Returns a device without a window; `adapter` is `auto`, `software`, or a part of an adapter's
+/// name.
 pub fn headless_gpu(adapter: &str) -> Result<Gpu> {
     match adapter {
         "auto" => Gpu::headless(false),
@@ -158,7 +160,8 @@ pub fn headless_gpu(adapter: &str) -> Result<Gpu> {
     }
 }
 
-/// A device of the adapter of that name (`software`: one that draws on the processor) that can show pictures on `surface`.
+/// Returns a device of the adapter of that name that can draw on `surface`; `software` is one that
+/// draws on the processor.
 pub fn named_gpu(instance: wgpu::Instance, name: &str, surface: Option<&wgpu::Surface<'_>>) -> Result<Gpu> {
     let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
     let fits = |adapter: &&wgpu::Adapter| {

@@ -1,4 +1,4 @@
-//! The window: events in, frames out. What a frame does is in [`crate::show`].
+//! The event loop of the window. What a frame does is in [`crate::show`].
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -17,13 +17,15 @@ use crate::show::Show;
 /// Time between two frames while nothing moves and nothing is loaded.
 const AT_REST: Duration = Duration::from_secs(1);
 
-/// Shows a file until the window is closed. `tell` hears of tiles that cannot be read and of files that were written.
-pub fn run(settings: &Settings, tell: &mut dyn FnMut(&str)) -> Result<()> {
-    // Before there is a window: a bad file is a sentence in the terminal.
+/// Shows a file until the window is closed. `report` is called with a sentence for each tile that
+/// cannot be read and each file that was written.
+pub fn run(settings: &Settings, report: &mut dyn FnMut(&str)) -> Result<()> {
+    // Before the window opens, so that a bad file is an error in the terminal.
     let terrain = Terrain::open(&settings.file, settings.ram_cache)?;
     let hint = "there may be no display; --headless and --shot work without one";
     let events = EventLoop::new().map_err(|error| no_window(&error, hint))?;
-    let mut app = App { settings, tell, terrain: Some(terrain), show: None, outcome: Ok(()), hidden: false };
+    let mut app =
+        App { settings, report, terrain: Some(terrain), show: None, outcome: Ok(()), hidden: false };
     let ran = events.run_app(&mut app);
     app.show = None;
     app.outcome?;
@@ -36,7 +38,8 @@ fn no_window(error: &dyn std::fmt::Display, hint: &str) -> Error {
     Error::unsupported(format!("cannot open a window ({})", plain(&error.to_string())), hint)
 }
 
-/// What winit says, without the place in its source on the machine that it was compiled on: `os error at /…/mod.rs:767: `.
+/// Returns an error text of winit without the path of its source file on the machine that compiled
+/// it: `os error at /…/mod.rs:767: `.
 fn plain(words: &str) -> &str {
     let after_line = |rest: &'_ str| -> Option<usize> {
         let digits = rest.len() - rest.trim_start_matches(|c: char| c.is_ascii_digit()).len();
@@ -51,7 +54,7 @@ fn plain(words: &str) -> &str {
 
 struct App<'a> {
     settings: &'a Settings,
-    tell: &'a mut dyn FnMut(&str),
+    report: &'a mut dyn FnMut(&str),
     terrain: Option<Terrain>,
     show: Option<Show>,
     outcome: Result<()>,
@@ -89,7 +92,7 @@ impl App<'_> {
         if let Err(error) = show.frame() {
             return self.fail(events, error);
         }
-        show.take_messages().iter().for_each(|message| (self.tell)(message));
+        show.take_messages().iter().for_each(|message| (self.report)(message));
     }
 }
 
@@ -120,7 +123,8 @@ impl ApplicationHandler for App<'_> {
             WindowEvent::Resized(size) => show.resize((size.width, size.height)),
             WindowEvent::Occluded(hidden) => self.hidden = hidden,
             WindowEvent::Focused(false) => show.input.release(),
-            // A key that is down as the window gets the focus is told as pressed, and, if it was pressed just now, once more.
+            // A key that is down when the window gets the focus comes as pressed, and once more if
+            // it was pressed just then.
             WindowEvent::KeyboardInput { is_synthetic: true, .. } => {}
             WindowEvent::KeyboardInput { event, .. } => {
                 match show.input.key(&event).map(|command| show.obey(command)) {

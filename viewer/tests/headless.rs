@@ -284,7 +284,8 @@ fn what_a_damaged_leaf_hides_is_not_said_to_be_measured() {
     }
 }
 
-/// Every option of one of the two programs without a window, with the other one: it must not be passed over in silence.
+/// Every option of one of the two programs without a window, with the other one: it must not be
+/// passed over in silence.
 #[test]
 fn options_of_one_mode_are_refused_in_the_other() {
     let (folder, file) = rmnp();

@@ -68,7 +68,8 @@ fn a_damaged_image_is_reported_once_and_its_parent_is_seen() {
     let section =
         reader.sections().iter().find(|section| section.kind == sections::IMAGERY_TILES).expect("images");
     let layer = reader.imagery().expect("a layer");
-    // Two levels above the finest: near enough to be wanted, and its own children are not wanted any more.
+    // Two levels above the finest: near enough to be wanted, and its own children are not wanted
+    // any more.
     let half = 1 << (layer.header().leaf - 3);
     let id = TileId::new(layer.header().leaf - 2, half, half);
     let at = (section.offset + layer.entry(id).expect("row").expect("image").chunks.offset + 5) as usize;

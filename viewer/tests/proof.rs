@@ -1,5 +1,6 @@
-//! What the project stands on: with everything loaded, no sample in view is off by more than the tolerance, on any frame; and
-//! the pictures of a fraction of the triangles are those of all of them.
+//! What the project stands on: with everything loaded, no sample in view is off by more than the
+//! tolerance, on any frame; and the pictures of a fraction of the triangles are those of all of
+//! them.
 
 #![expect(clippy::expect_used, reason = "a test that cannot go on says why")]
 
@@ -14,7 +15,7 @@ use relevo::pipeline::{self, BuildOptions, Silent};
 use relevo::select::{EdgeRule, View};
 use relevo::source::{self, Samples, Source, SourceInfo, Window};
 use relevo_viewer::flyover;
-use relevo_viewer::gpu::{Paint, picture};
+use relevo_viewer::gpu::{Paint, RenderTarget, target};
 use relevo_viewer::scene::Terrain;
 use relevo_viewer::settings::{Lod, Settings};
 use relevo_viewer::stage::{Drawing, Stage, headless_gpu, promised};
@@ -24,7 +25,7 @@ const SIZE: (u32, u32) = (640, 360);
 /// A stage with its target.
 struct Studio {
     stage: Stage,
-    picture: picture::Picture,
+    target: RenderTarget,
     settings: Settings,
     views: Vec<View>,
 }
@@ -57,12 +58,12 @@ impl Studio {
         let terrain = Terrain::open(file, settings.ram_cache).expect("file");
         let path = flyover::path(terrain.reader(), exaggeration).expect("path");
         let gpu = headless_gpu("software").expect("software adapter (mesa-vulkan-drivers)");
-        let stage = Stage::new(gpu, terrain, &settings, SIZE, picture::FORMAT).expect("stage");
-        let picture = picture::Picture::new(&stage.gpu, SIZE, picture::FORMAT).expect("picture");
+        let stage = Stage::new(gpu, terrain, &settings, SIZE, target::FORMAT).expect("stage");
+        let target = RenderTarget::new(&stage.gpu, SIZE, target::FORMAT).expect("picture");
         let (first, last) = path.span();
         let time = |i: u32| first + (last - first) * f64::from(i) / f64::from((frames - 1).max(1));
         let views = (0..frames).map(|i| path.at(time(i)).view(stage.scene.frame(), path.fov, SIZE)).collect();
-        Self { stage, picture, settings, views }
+        Self { stage, target, settings, views }
     }
 
     /// Draws a view with everything loaded and measures it.
@@ -70,7 +71,7 @@ impl Studio {
         let chosen = self.stage.settle(view, tolerance).expect("loaded");
         assert_eq!(chosen.pending, 0, "all is loaded");
         let drawing = Drawing { view, tolerance, look: self.stage.look(&self.settings), levels: None };
-        self.stage.draw(&chosen, &drawing, self.picture.view(), SIZE).expect("drawn");
+        self.stage.draw(&chosen, &drawing, self.target.view(), SIZE).expect("drawn");
         let drawn = self.stage.renderer.drawn(&self.stage.gpu).expect("counters");
         let levels = self.stage.renderer.levels(&self.stage.gpu).expect("levels");
         let (scene, rule) = (&self.stage.scene, self.settings.rule);
@@ -80,7 +81,7 @@ impl Studio {
                 .expect("observed"),
             promised: promised(selection, &levels, scene.frame(), view),
             triangles: drawn.triangles,
-            pixels: self.picture.read(&self.stage.gpu).expect("pixels"),
+            pixels: self.target.read(&self.stage.gpu).expect("pixels"),
         }
     }
 }

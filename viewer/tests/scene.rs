@@ -13,7 +13,7 @@ use relevo::texel::Texels;
 use relevo_viewer::camera::Pose;
 use relevo_viewer::gpu::Sizes;
 use relevo_viewer::residency::Store;
-use relevo_viewer::scene::{Picture, Scene, Terrain};
+use relevo_viewer::scene::{FramePlan, Scene, Terrain};
 
 /// Which tile lies in which slot.
 #[derive(Default)]
@@ -31,9 +31,9 @@ impl Store for Slots {
 }
 
 impl Slots {
-    /// Every tile of a picture lies where the picture says.
-    fn check(&self, picture: &Picture) {
-        for (tile, slot) in picture.selection.tiles.iter().zip(&picture.slots) {
+    /// Every tile of a plan lies where the plan says.
+    fn check(&self, plan: &FramePlan) {
+        for (tile, slot) in plan.selection.tiles.iter().zip(&plan.slots) {
             assert_eq!(self.0.get(slot), Some(&tile.id), "slot {slot}");
         }
     }
@@ -63,14 +63,14 @@ fn what_is_drawn_lies_in_its_slot_whatever_the_camera_does() {
         let (column, row) =
             (100.0 + (leg * 377.0) % 800.0 + step, 1000.0 - (leg * 211.0) % 700.0 - 4.0 * step);
         let view = view(&scene, column, row, 900.0 + 20.0 * step);
-        let picture = scene.stream(&mut slots, &view, 1.0).expect("a frame");
-        slots.check(&picture);
+        let plan = scene.stream(&mut slots, &view, 1.0).expect("a frame");
+        slots.check(&plan);
         assert!(slots.0.keys().all(|&slot| slot < 60) && scene.resident().0 <= 60);
-        drawn += picture.selection.tiles.len();
+        drawn += plan.selection.tiles.len();
         if frame % 100 == 99 {
-            let picture = scene.settle(&mut slots, &view, 1.0).expect("a frame");
-            slots.check(&picture);
-            assert!(!picture.selection.tiles.is_empty());
+            let plan = scene.settle(&mut slots, &view, 1.0).expect("a frame");
+            slots.check(&plan);
+            assert!(!plan.selection.tiles.is_empty());
         }
         std::thread::sleep(std::time::Duration::from_millis(1));
     }
@@ -79,16 +79,17 @@ fn what_is_drawn_lies_in_its_slot_whatever_the_camera_does() {
 
 #[test]
 fn a_tile_that_left_the_card_comes_back_without_being_decoded() {
-    // The reader has a quarter of the cache; what is decoded has the rest, and all of the file fits there.
+    // The reader has a quarter of the cache; what is decoded has the rest, and all of the file fits
+    // there.
     let (_folder, mut scene) = scene(513, 70, 12 << 20);
     let mut slots = Slots::default();
     let places = [(100.0, 480.0), (400.0, 480.0), (120.0, 150.0), (400.0, 150.0)];
     let mut round = |scene: &mut Scene| {
         for (column, row) in places {
             let view = view(scene, column, row, 900.0);
-            let picture = scene.settle(&mut slots, &view, 2.0).expect("a frame");
-            slots.check(&picture);
-            assert_eq!(picture.pending, 0);
+            let plan = scene.settle(&mut slots, &view, 2.0).expect("a frame");
+            slots.check(&plan);
+            assert_eq!(plan.pending, 0);
         }
     };
     round(&mut scene);
@@ -120,8 +121,8 @@ fn the_view_ahead_is_loaded_when_the_current_one_has_all() {
     let begun = std::time::Instant::now();
     while scene.resident().0 < before + 10 && begun.elapsed().as_secs() < 10 {
         std::thread::sleep(std::time::Duration::from_millis(5));
-        let picture = scene.stream(&mut slots, &now, 2.0).expect("a frame");
-        slots.check(&picture);
+        let plan = scene.stream(&mut slots, &now, 2.0).expect("a frame");
+        slots.check(&plan);
     }
     assert!(scene.resident().0 >= before + 10, "{} tiles, {before} before", scene.resident().0);
 }

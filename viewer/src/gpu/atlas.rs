@@ -1,4 +1,5 @@
-//! Heights, validity and error tables of tiles, and images: what is uploaded once and drawn many times.
+//! The data that is uploaded once and drawn many times: heights, validity and error tables of
+//! tiles, and images.
 
 use relevo_core::select::{TileData, TileTable};
 use relevo_core::texel::{Colour, Texels};
@@ -74,9 +75,9 @@ impl Atlas {
         let tables = sizes.table_words() * 4 * u64::from(sizes.tiles);
         Ok(Self {
             sizes,
-            heights: layers(gpu, "heights", sizes.heights(), wgpu::TextureFormat::R32Float)?,
-            valid: layers(gpu, "validity", sizes.heights(), wgpu::TextureFormat::R8Uint)?,
-            images: layers(gpu, "images", sizes.pictures(), wgpu::TextureFormat::Rgba8UnormSrgb)?,
+            heights: layers(gpu, "heights", sizes.height_packing(), wgpu::TextureFormat::R32Float)?,
+            valid: layers(gpu, "validity", sizes.height_packing(), wgpu::TextureFormat::R8Uint)?,
+            images: layers(gpu, "images", sizes.image_packing(), wgpu::TextureFormat::Rgba8UnormSrgb)?,
             tables: gpu.buffer("error tables", tables, usage)?,
             tiles_held: vec![false; sizes.tiles as usize],
             images_held: vec![false; sizes.images as usize],
@@ -84,10 +85,12 @@ impl Atlas {
     }
 
     pub fn bytes(&self) -> u64 {
-        self.sizes.heights().texels() * 5 + self.sizes.pictures().texels() * 4 + self.tables.size()
+        self.sizes.height_packing().texels() * 5
+            + self.sizes.image_packing().texels() * 4
+            + self.tables.size()
     }
 
-    /// Views of heights, validity, images.
+    /// Returns views of heights, validity and images.
     pub fn views(&self) -> [wgpu::TextureView; 3] {
         [view(&self.heights), view(&self.valid), view(&self.images)]
     }
@@ -114,8 +117,8 @@ impl Atlas {
         }
         let table = packed(&tile.table, sizes)?;
         let held = held(&mut self.tiles_held, slot, "tiles")?;
-        write(gpu, &self.heights, sizes.heights(), slot, bytemuck::cast_slice(&tile.heights));
-        write(gpu, &self.valid, sizes.heights(), slot, &tile.valid);
+        write(gpu, &self.heights, sizes.height_packing(), slot, bytemuck::cast_slice(&tile.heights));
+        write(gpu, &self.valid, sizes.height_packing(), slot, &tile.valid);
         gpu.queue.write_buffer(
             &self.tables,
             u64::from(slot) * sizes.table_words() * 4,
@@ -146,7 +149,7 @@ impl Atlas {
         for (texel, &alpha) in texels.iter_mut().zip(image.alpha.iter().flatten()) {
             texel[3] = alpha;
         }
-        write(gpu, &self.images, self.sizes.pictures(), slot, bytemuck::cast_slice(&texels));
+        write(gpu, &self.images, self.sizes.image_packing(), slot, bytemuck::cast_slice(&texels));
         *held = true;
         Ok(())
     }
@@ -158,7 +161,7 @@ fn held<'a>(held: &'a mut [bool], slot: u32, what: &str) -> Result<&'a mut bool>
         .ok_or_else(|| Error::usage(format!("slot {slot} of {count} slots of {what} does not exist")))
 }
 
-/// A table as the passes read it: rows of `m^2` numbers.
+/// Returns a table as the passes read it: rows of `m^2` numbers.
 fn packed(table: &TileTable, sizes: Sizes) -> Result<Vec<f32>> {
     let parts = (sizes.patches() as usize).pow(2);
     let errors = parts * (usize::from(sizes.patch_log2) + 1);

@@ -1,4 +1,4 @@
-//! Buffers of one picture: what selection chose, what the passes make of it.
+//! The buffers of one frame: the selection, and the results of the passes.
 
 use relevo_core::Result;
 use relevo_core::select::neighbours::edges_of_tile;
@@ -9,7 +9,7 @@ use super::input::{DRAW_BYTES, GpuFrame, Packed, TILE_BYTES};
 use super::meshes::ARGUMENTS;
 use super::sizes::Sizes;
 
-/// All of them. Each is as large as the fullest picture so far needed.
+/// The buffers of a frame. Each is as large as the largest frame so far needed.
 #[derive(Debug)]
 pub(crate) struct Buffers {
     pub frame: wgpu::Buffer,
@@ -23,16 +23,16 @@ pub(crate) struct Buffers {
     pub buckets: wgpu::Buffer,
     pub instances: wgpu::Buffer,
     pub arguments: wgpu::Buffer,
-    /// Arguments on their way back.
+    /// Copy of the arguments that is read back.
     pub staging: wgpu::Buffer,
 }
 
-/// Bytes of an instance, of which a patch has five at most.
+/// Bytes of the instances of a patch: at most five of 8 bytes.
 const INSTANCES: u64 = 5 * 8;
 const STORAGE: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_DST);
 
 impl Buffers {
-    /// Room for all tiles of a renderer at once, each drawn once.
+    /// Returns buffers for all tiles of a renderer at once, each drawn once.
     pub fn new(gpu: &Gpu, sizes: Sizes, buckets: u32) -> Result<Self> {
         let (m, tiles, b) = (sizes.patches(), u64::from(sizes.tiles), u64::from(buckets));
         let parts = tiles * u64::from(m * m);
@@ -58,7 +58,7 @@ impl Buffers {
         })
     }
 
-    /// Makes room for a picture with more draws than tiles fit; true if it had to.
+    /// Grows the buffers for a frame with more draws; returns true if one has grown.
     pub fn fit(&mut self, gpu: &Gpu, packed: &Packed) -> Result<bool> {
         let mut grown = false;
         for (buffer, label, need) in [

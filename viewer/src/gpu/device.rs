@@ -1,16 +1,16 @@
-//! Adapter and device, and what went wrong with them.
+//! Adapter and device, and their errors.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use relevo_core::{Error, Result};
 
-/// A device to draw with.
+/// A graphics device and where it comes from.
 #[derive(Debug)]
 pub struct Gpu {
-    /// What made it; a window's surface comes from it.
+    /// The instance, which also makes surfaces of windows.
     pub instance: wgpu::Instance,
-    /// The adapter: its name is what a user wants to see.
+    /// The adapter.
     pub adapter: wgpu::Adapter,
     /// The device.
     pub device: wgpu::Device,
@@ -19,7 +19,7 @@ pub struct Gpu {
     faults: Faults,
 }
 
-/// What the device has complained of since it was last asked.
+/// Errors of the device since the last check.
 #[derive(Clone, Debug, Default)]
 struct Faults(Arc<Mutex<Fault>>);
 
@@ -56,7 +56,8 @@ fn too_small(what: impl std::fmt::Display) -> Error {
     Error::unsupported(what.to_string(), hint)
 }
 
-/// WebGPU's default limits, with the adapter's own sizes of textures and buffers where they are larger.
+/// Returns WebGPU's default limits, with the adapter's own sizes of textures and buffers where they
+/// are larger.
 fn limits(adapter: &wgpu::Adapter) -> wgpu::Limits {
     let (has, least) = (adapter.limits(), wgpu::Limits::default());
     wgpu::Limits {
@@ -70,7 +71,7 @@ fn limits(adapter: &wgpu::Adapter) -> wgpu::Limits {
     }
 }
 
-/// Adapters of some backends that need no window, and what made them.
+/// Returns the adapters of some backends that need no window, and their instance.
 fn adapters_of(backends: wgpu::Backends) -> (wgpu::Instance, Vec<wgpu::Adapter>) {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
     descriptor.backends = backends;
@@ -80,7 +81,8 @@ fn adapters_of(backends: wgpu::Backends) -> (wgpu::Instance, Vec<wgpu::Adapter>)
 }
 
 impl Gpu {
-    /// The best adapter that can show pictures on `surface` (any, if there is none to show them on).
+    /// Returns a device of the best adapter that can draw on `surface`, or of the best at all if
+    /// there is none.
     pub fn new(instance: wgpu::Instance, surface: Option<&wgpu::Surface<'_>>) -> Result<Self> {
         let options = wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,
@@ -92,9 +94,11 @@ impl Gpu {
         Self::on(instance, adapter)
     }
 
-    /// A device without a window: a software adapter if `software` asks for one and there is one, else the fastest.
+    /// Returns a device without a window: of a software adapter if `software` holds and there is
+    /// one, else of the fastest.
     pub fn headless(software: bool) -> Result<Self> {
-        // OpenGL is slow to ask, and chatty: only where it is all there is, or asked for by WGPU_BACKEND.
+        // OpenGL is slow to ask, and chatty: only where it is all there is, or asked for by
+        // WGPU_BACKEND.
         let backends = wgpu::Backends::from_env();
         let (mut instance, mut adapters) = adapters_of(backends.unwrap_or(wgpu::Backends::PRIMARY));
         if backends.is_none() && adapters.is_empty() {
@@ -122,7 +126,7 @@ impl Gpu {
         Err(first.unwrap_or_else(|| too_small("there is no graphics adapter")))
     }
 
-    /// A device of this adapter.
+    /// Returns a device of this adapter.
     pub fn on(instance: wgpu::Instance, adapter: wgpu::Adapter) -> Result<Self> {
         let name = adapter.get_info().name;
         let descriptor = wgpu::DeviceDescriptor {
@@ -148,13 +152,14 @@ impl Gpu {
         Ok(Self { instance, adapter, device, queue, faults })
     }
 
-    /// Adapter and backend, for people.
+    /// Returns the names of adapter and backend.
     pub fn name(&self) -> String {
         let info = self.adapter.get_info();
         format!("{}, {}", info.name, info.backend)
     }
 
-    /// What went wrong since it was last called: a lost device, too little memory, a call that the device refused.
+    /// Fails with what went wrong since the last call: a lost device, too little memory, a call
+    /// that the device refused.
     pub fn check(&self) -> Result<()> {
         let (gone, memory, other) = self
             .faults
@@ -177,7 +182,7 @@ impl Gpu {
         }
     }
 
-    /// Calls back what is finished; waits for all if `wait` says so.
+    /// Runs the callbacks of finished work; waits for all of it if `wait` holds.
     pub(crate) fn poll(&self, wait: bool) -> Result<()> {
         self.check()?;
         let how = if wait { wgpu::PollType::wait_indefinitely() } else { wgpu::PollType::Poll };
@@ -189,7 +194,7 @@ impl Gpu {
         }
     }
 
-    /// The start of a buffer that can be mapped; waits for it.
+    /// Returns the bytes of a buffer that can be mapped; waits for them.
     pub(crate) fn read(&self, buffer: &wgpu::Buffer) -> Result<Vec<u8>> {
         let (sender, receiver) = std::sync::mpsc::channel();
         buffer.map_async(wgpu::MapMode::Read, .., move |result| _ = sender.send(result.is_ok()));
@@ -205,7 +210,7 @@ impl Gpu {
         Ok(bytes)
     }
 
-    /// `bytes` bytes of a buffer from `at` on; waits for what is being done.
+    /// Returns `bytes` bytes of a buffer from `at` on; waits for the work before.
     pub(crate) fn copy(&self, buffer: &wgpu::Buffer, at: u64, bytes: u64) -> Result<Vec<u8>> {
         self.check()?;
         if bytes == 0 {
@@ -221,7 +226,7 @@ impl Gpu {
         Ok(out)
     }
 
-    /// A buffer, if the device can have one of this size. `size` in bytes.
+    /// Returns a buffer of `size` bytes; fails if the device cannot have one of this size.
     pub(crate) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
         let limits = self.device.limits();
         let most = if usage.contains(wgpu::BufferUsages::STORAGE) {

@@ -1,4 +1,4 @@
-//! What a picture is made of, as the passes read it; refuses what does not belong together.
+//! The input of a frame as the passes read it. Input that does not fit together is refused.
 
 use bytemuck::{Pod, Zeroable};
 use relevo_core::select::imagery::Draw;
@@ -15,7 +15,7 @@ pub(crate) const TILE_BYTES: u64 = size_of::<GpuTile>() as u64;
 /// Bytes of a [`GpuDraw`].
 pub(crate) const DRAW_BYTES: u64 = size_of::<GpuDraw>() as u64;
 
-/// Threads of a pass, each of which has a number.
+/// Most threads of a pass.
 const MOST_PARTS: u64 = 1 << 28;
 
 /// `Frame` of `common.wgsl`.
@@ -59,7 +59,7 @@ pub(crate) struct GpuDraw {
     texel: [f32; 4],
 }
 
-/// A picture, packed.
+/// The input of a frame, packed.
 #[derive(Debug)]
 pub(crate) struct Packed {
     pub frame: GpuFrame,
@@ -75,7 +75,7 @@ fn wrong(what: impl Into<String>) -> Error {
     Error::usage(format!("this picture cannot be drawn: {}", what.into()))
 }
 
-/// Column and row of the camera: whole samples, and the rest.
+/// Returns column and row of the camera: whole samples, and the fractions.
 fn camera(input: &FrameInput<'_>) -> Result<([i64; 2], [f64; 2])> {
     let frame = input.frame;
     let view = input.view;
@@ -117,7 +117,7 @@ impl GpuFrame {
                 u32::from(input.rule == EdgeRule::Paper),
             ],
             counts: [tiles, input.draws.len() as u32, tiles * edges_of_tile(sizes.patches()), buckets],
-            atlas: [sizes.heights().across, sizes.pictures().across, sizes.image_side, 0],
+            atlas: [sizes.height_packing().across, sizes.image_packing().across, sizes.image_side, 0],
             look: [paint(look.paint), u32::from(look.borders) | u32::from(!srgb) << 1, 0, 0],
         }
     }
@@ -133,7 +133,7 @@ fn paint(paint: Paint) -> u32 {
     }
 }
 
-/// A tile relative to the camera's column and row.
+/// Packs a tile, relative to the camera's column and row.
 fn tile(chosen: &Chosen, slot: u32, sizes: Sizes, camera: [i64; 2], edges: u32) -> Result<GpuTile> {
     let (id, m) = (chosen.id, sizes.patches());
     if u32::from(chosen.exponent) + sizes.tile.ilog2() > 30 {
@@ -165,7 +165,7 @@ fn tile(chosen: &Chosen, slot: u32, sizes: Sizes, camera: [i64; 2], edges: u32) 
     })
 }
 
-/// Texels of an image's slot as a function of the tile's columns and rows: scale, left, top.
+/// Returns how the tile's columns and rows become texels of the image's slot: scale, left, top.
 fn texels(draw: &Draw, chosen: &Chosen, sizes: Sizes) -> [f32; 4] {
     let Some(image) = draw.image else { return [0.0; 4] };
     let inner = f64::from(sizes.image_side - 2 * sizes.gutter);
@@ -198,7 +198,7 @@ fn draw(draw: &Draw, image: Option<u32>, tiles: &[Chosen], atlas: &Atlas, sizes:
     })
 }
 
-/// Patches of a tile that meet a window.
+/// Returns the number of patches of a tile that meet a window.
 fn parts(window: [u32; 4], p: u8) -> u64 {
     let along = |low: u32, high: u32| u64::from(high.div_ceil(1 << p).saturating_sub(low >> p));
     along(window[0], window[2]) * along(window[1], window[3])
@@ -220,7 +220,7 @@ fn levels(levels: &Levels, tiles: &[Chosen], sizes: Sizes, edges: u32) -> Result
 }
 
 impl Packed {
-    /// Packs a picture for a target that is coded in sRGB or not.
+    /// Packs the input of a frame; `srgb` is true if the target converts to sRGB.
     pub fn new(
         input: &FrameInput<'_>,
         atlas: &Atlas,

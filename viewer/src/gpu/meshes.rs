@@ -10,9 +10,9 @@ use super::device::Gpu;
 
 /// Bytes of the arguments of an indirect draw.
 pub(crate) const ARGUMENTS: u64 = 20;
-/// Bytes from one dynamic offset to the next: what every device can align to.
+/// Bytes from one dynamic offset to the next: an alignment that every device supports.
 pub(crate) const STRIDE: u64 = 256;
-/// Buckets of the largest patches: the array of a shader.
+/// Buckets of the largest patches: the length of an array in a shader.
 const MOST_BUCKETS: usize = 99;
 
 /// Index buffers, and where each bucket is in them.
@@ -30,7 +30,8 @@ pub(crate) struct GpuMeshes {
     pub counts: Vec<u32>,
 }
 
-/// Every edge of a bucket once.
+/// Returns the lines of all buckets, each edge once, and the table of triangles and lines by
+/// bucket.
 fn lines(meshes: &Meshes) -> (Vec<u16>, Vec<[u32; 4]>) {
     let mut indices = Vec::new();
     let mut table = Vec::new();

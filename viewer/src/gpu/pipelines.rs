@@ -1,4 +1,4 @@
-//! Shaders, what they are bound to, and the states they are drawn with.
+//! Shaders, their bind groups, and the pipelines that run them.
 
 use wgpu::{BindGroupLayoutEntry, BindingType, BufferBindingType, ShaderStages};
 
@@ -16,7 +16,7 @@ const COMPUTE: &str = concat!(
 );
 const TERRAIN: &str = concat!(include_str!("shaders/common.wgsl"), include_str!("shaders/terrain.wgsl"));
 
-/// Of the depth buffer.
+/// Format of the depth buffer.
 pub(crate) const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
 /// All pipelines.
@@ -40,7 +40,7 @@ pub(crate) struct Pipelines {
     sampler: wgpu::Sampler,
 }
 
-/// What the passes of a picture are bound to.
+/// The bind groups of the passes of a frame.
 #[derive(Debug)]
 pub(crate) struct Bound {
     pub compute: wgpu::BindGroup,
@@ -129,7 +129,7 @@ fn terrain_layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
     layout(gpu, &entries)
 }
 
-/// How fragments meet what is there.
+/// Shaders and fixed state of a render pipeline.
 struct Kind {
     vertex: &'static str,
     fragment: &'static str,
@@ -269,7 +269,7 @@ impl Pipelines {
         }
     }
 
-    /// What triangles are drawn with.
+    /// Returns the pipeline that draws triangles.
     pub fn triangles(&self, paint: Paint) -> &wgpu::RenderPipeline {
         if paint == Paint::Count { &self.counted } else { &self.surface }
     }

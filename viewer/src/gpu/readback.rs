@@ -1,4 +1,4 @@
-//! Counts of what was drawn, on their way back from the device.
+//! Reads the counts of what was drawn back from the device.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -11,7 +11,7 @@ const ASKED: u8 = 1;
 const READY: u8 = 2;
 const FAILED: u8 = 3;
 
-/// Counts that were asked for, and the last ones that came.
+/// The state of a copy of counts, and the last counts that came.
 #[derive(Debug, Default)]
 pub(crate) struct Pending {
     state: Arc<AtomicU8>,
@@ -19,12 +19,12 @@ pub(crate) struct Pending {
 }
 
 impl Pending {
-    /// True if the staging buffer is free.
+    /// Returns true if the staging buffer is free.
     pub fn idle(&self) -> bool {
         self.state.load(Ordering::Acquire) == IDLE
     }
 
-    /// Asks for what the last submission copied into the staging buffer.
+    /// Maps the staging buffer, into which the last submission copied the counts.
     pub fn ask(&self, staging: &wgpu::Buffer) {
         self.state.store(ASKED, Ordering::Release);
         let state = Arc::clone(&self.state);
@@ -33,7 +33,7 @@ impl Pending {
         });
     }
 
-    /// The latest counts; the staging buffer is free again where they have come.
+    /// Returns the latest counts; frees the staging buffer if new ones have come.
     pub fn take(&mut self, staging: &wgpu::Buffer, counted: impl Fn(&[u8]) -> Drawn) -> Drawn {
         match self.state.load(Ordering::Acquire) {
             READY => {
@@ -50,7 +50,8 @@ impl Pending {
     }
 }
 
-/// Counts from the arguments of the indirect draws of triangles; `triangles` of each bucket.
+/// Returns the counts from the arguments of the indirect draws; `triangles` are those of each
+/// bucket.
 pub(crate) fn counted(arguments: &[u8], triangles: &[u32], patch_log2: u8) -> Drawn {
     let mut drawn = Drawn::default();
     // Whole patches and middles: every patch has one of them.

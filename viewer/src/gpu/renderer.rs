@@ -1,4 +1,4 @@
-//! Draws pictures: finds steps, sorts patches into buckets, draws each bucket.
+//! Draws frames: finds steps, sorts patches into buckets, draws each bucket.
 
 use relevo_core::Result;
 use relevo_core::select::{EdgeRule, Levels, TileData};
@@ -14,7 +14,7 @@ use super::readback::{Pending, counted};
 use super::sizes::Sizes;
 use super::{Drawn, FrameInput};
 
-/// Everything on the device that pictures are drawn from.
+/// Everything on the device that frames are drawn from.
 #[derive(Debug)]
 pub struct Renderer {
     sizes: Sizes,
@@ -26,7 +26,7 @@ pub struct Renderer {
     bound: Bound,
     depth: Option<(wgpu::TextureView, (u32, u32))>,
     pending: Pending,
-    /// Patches and edge numbers of the last picture.
+    /// Numbers of patches and edges of the last frame.
     last: (u32, u32),
 }
 
@@ -41,7 +41,7 @@ fn dispatch(pass: &mut wgpu::ComputePass<'_>, pipeline: &wgpu::ComputePipeline, 
 }
 
 impl Renderer {
-    /// A renderer for targets of `format`, which need not be sRGB: colours look alike.
+    /// Returns a renderer for targets of `format`; colours look the same whether it is sRGB or not.
     pub fn new(gpu: &Gpu, sizes: Sizes, format: wgpu::TextureFormat) -> Result<Self> {
         sizes.check()?;
         let atlas = Atlas::new(gpu, sizes)?;
@@ -67,12 +67,13 @@ impl Renderer {
         })
     }
 
-    /// The sizes it was made for.
+    /// Returns the sizes that it was made for.
     pub fn sizes(&self) -> Sizes {
         self.sizes
     }
 
-    /// Bytes of graphics memory that it has allocated, the depth buffer of the last picture included.
+    /// Returns the bytes of graphics memory that it has allocated, the depth buffer of the last
+    /// frame included.
     pub fn bytes(&self) -> u64 {
         let depth = self.depth.as_ref().map_or(0, |&(_, (w, h))| u64::from(w) * u64::from(h) * 4);
         self.atlas.bytes() + self.meshes.bytes() + self.buffers.bytes() + depth
@@ -90,7 +91,7 @@ impl Renderer {
         gpu.check()
     }
 
-    /// Draws a picture of `size` pixels on `target`; does not wait for it.
+    /// Draws a frame of `size` pixels on `target`; does not wait for it.
     pub fn render(
         &mut self,
         gpu: &Gpu,
@@ -107,7 +108,7 @@ impl Renderer {
         let depth = self.depth(gpu, size)?;
         self.write(gpu, &packed);
         let mut encoder =
-            gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("picture") });
+            gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         encoder.clear_buffer(&self.buffers.buckets, 0, None);
         if packed.levels.is_none() {
             encoder.clear_buffer(&self.buffers.edges, 0, None);
@@ -133,7 +134,7 @@ impl Renderer {
         {
             return Ok(view.clone());
         }
-        super::picture::check(gpu, size)?;
+        super::target::check(gpu, size)?;
         // The old one is free before the new one is there.
         self.depth = None;
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
@@ -170,7 +171,7 @@ impl Renderer {
         }
     }
 
-    /// Steps of all patches, and the arguments of the draws.
+    /// Encodes the compute pass: steps of all patches, and the arguments of the draws.
     fn choose(&self, encoder: &mut wgpu::CommandEncoder, input: &FrameInput<'_>, packed: &Packed) {
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         pass.set_bind_group(0, &self.bound.compute, &[]);
@@ -240,7 +241,8 @@ impl Renderer {
         }
     }
 
-    /// One indirect draw for each bucket that the rule can fill; `first` is the number of its arguments.
+    /// Encodes an indirect draw for each bucket that the rule can fill; `first` is the number of
+    /// the first arguments.
     fn buckets(&self, pass: &mut wgpu::RenderPass<'_>, rule: EdgeRule, first: u64) {
         let p = u32::from(self.sizes.patch_log2);
         let (strips, zips) = (2 * p + 3, 2 * p + 3 + 5 * (p + 1));
@@ -253,21 +255,21 @@ impl Renderer {
         }
     }
 
-    /// What was drawn in the last picture; waits for it.
+    /// Returns the counts of the last frame; waits for it.
     pub fn drawn(&self, gpu: &Gpu) -> Result<Drawn> {
         let bytes = self.meshes.counts.len() as u64 * ARGUMENTS;
         let arguments = gpu.copy(&self.buffers.arguments, 0, bytes)?;
         Ok(counted(&arguments, &self.meshes.counts, self.sizes.patch_log2))
     }
 
-    /// What was drawn in the latest picture that is known to be finished; does not wait.
+    /// Returns the counts of the latest frame that is known to be finished; does not wait.
     pub fn latest(&mut self, gpu: &Gpu) -> Result<Drawn> {
         gpu.poll(false)?;
         let (counts, p) = (&self.meshes.counts, self.sizes.patch_log2);
         Ok(self.pending.take(&self.buffers.staging, |bytes| counted(bytes, counts, p)))
     }
 
-    /// The levels that were used in the last picture; waits for it.
+    /// Returns the levels that the last frame was drawn with; waits for it.
     pub fn levels(&self, gpu: &Gpu) -> Result<Levels> {
         let (parts, edges) = self.last;
         let words = |bytes: Vec<u8>| bytemuck::pod_collect_to_vec::<u8, u32>(&bytes);
@@ -280,7 +282,7 @@ impl Renderer {
     }
 }
 
-/// A linear colour as the target takes it.
+/// Returns a linear colour as the target stores it.
 fn clear([r, g, b]: [f64; 3], srgb: bool) -> wgpu::Color {
     let coded = |c: f64| {
         let c = c.clamp(0.0, 1.0);

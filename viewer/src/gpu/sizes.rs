@@ -1,4 +1,4 @@
-//! How much memory a renderer takes, and how many tiles and images fit a budget.
+//! The memory of a renderer, and the tiles and images that fit a budget.
 
 use relevo_core::select::neighbours::edges_of_tile;
 use relevo_core::{Error, Result};
@@ -6,7 +6,7 @@ use relevo_core::{Error, Result};
 use super::device::Gpu;
 use super::input::{DRAW_BYTES, TILE_BYTES};
 
-/// Sizes that a [`super::Renderer`] is made for.
+/// The sizes that a [`super::Renderer`] is made for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sizes {
     /// Intervals of a tile, T.
@@ -23,7 +23,7 @@ pub struct Sizes {
     pub gutter: u32,
 }
 
-/// Fewer tiles than this show nothing of a file that has more.
+/// Least number of tiles for a file that has more.
 const FEWEST: u32 = 8;
 
 /// Squares of one size in the layers of a texture array.
@@ -38,10 +38,12 @@ pub(crate) struct Packing {
 }
 
 impl Packing {
-    /// The smallest layers of which 256, which every device has, hold `count` squares.
+    /// Returns the packing with the smallest layers of which 256, which every device has, hold
+    /// `count` squares.
     pub fn new(count: u32, side: u32) -> Self {
         let across = (1..=4096_u32).find(|k| count.div_ceil(k * k) <= 256).unwrap_or(1);
-        // OpenGL does not know an array of one layer from a plain texture, nor squares in sixes from cubes.
+        // OpenGL does not know an array of one layer from a plain texture, nor squares in sixes
+        // from cubes.
         let layers = count.div_ceil(across * across).max(2);
         Self { across, layers: layers + u32::from(layers.is_multiple_of(6)), side }
     }
@@ -50,7 +52,7 @@ impl Packing {
         u64::from(self.layers) * (u64::from(self.across) * u64::from(self.side)).pow(2)
     }
 
-    /// Column, row and layer of a slot's first texel.
+    /// Returns column, row and layer of a slot's first texel.
     pub fn origin(&self, slot: u32) -> wgpu::Origin3d {
         let at = slot % (self.across * self.across);
         let (x, y) = (at % self.across * self.side, at / self.across * self.side);
@@ -59,54 +61,56 @@ impl Packing {
 }
 
 impl Sizes {
-    /// Patches along a tile.
+    /// Returns the number of patches along a tile.
     pub(crate) fn patches(&self) -> u32 {
         self.tile >> self.patch_log2
     }
 
-    /// Numbers that a tile's table has on the device.
+    /// Returns the count of numbers in a tile's table on the device.
     pub(crate) fn table_words(&self) -> u64 {
         u64::from(self.patches()).pow(2) * (2 * u64::from(self.patch_log2) + 5)
     }
 
-    pub(crate) fn heights(&self) -> Packing {
+    pub(crate) fn height_packing(&self) -> Packing {
         Packing::new(self.tiles, self.tile + 1)
     }
 
-    pub(crate) fn pictures(&self) -> Packing {
+    pub(crate) fn image_packing(&self) -> Packing {
         if self.images == 0 { Packing::new(1, 1) } else { Packing::new(self.images, self.image_side) }
     }
 
-    /// Bytes that choosing and sorting the patches of a tile take, of one that is drawn `draws` times.
+    /// Returns the bytes of the buffers of a frame for each tile.
     fn frame_bytes(&self) -> u64 {
         let patches = u64::from(self.patches()).pow(2);
         TILE_BYTES + 2 * DRAW_BYTES + patches * (2 * 4 + 5 * 8) + u64::from(edges_of_tile(self.patches())) * 8
     }
 
-    /// Bytes of graphics memory for each slot of heights: heights, validity, table, and its share of the buffers of a picture.
+    /// Returns the bytes of graphics memory for each slot of heights: heights, validity, table, and
+    /// its share of the buffers of a frame.
     pub fn tile_bytes(&self) -> u64 {
         u64::from(self.tile + 1).pow(2) * 5 + self.table_words() * 4 + self.frame_bytes()
     }
 
-    /// Bytes for each slot of images.
+    /// Returns the bytes for each slot of images.
     pub fn image_bytes(&self) -> u64 {
         u64::from(self.image_side).pow(2) * 4
     }
 
-    /// Bytes of a renderer of these sizes that draws pictures of `picture` pixels.
+    /// Returns the bytes of a renderer of these sizes that draws on `target` pixels.
     pub fn bytes(&self, (width, height): (u32, u32)) -> u64 {
         let tiles = u64::from(self.tiles);
-        let slots = self.heights().texels() * 5 + self.pictures().texels() * 4;
+        let slots = self.height_packing().texels() * 5 + self.image_packing().texels() * 4;
         slots
             + tiles * (self.table_words() * 4 + self.frame_bytes())
             + u64::from(width) * u64::from(height) * 4
             + FIXED_BYTES
     }
 
-    /// As many tiles and images as fit `budget` bytes, at most those of `self`. Half of the memory is for images where there are any,
-    /// and what one side does not need is for the other. Fails if too few fit to show something.
+    /// Returns the sizes with as many tiles and images as fit `budget` bytes, at most those of
+    /// `self`. Half of the memory is for images where there are any, and what one side does not
+    /// need is for the other. Fails if too few fit.
     #[must_use = "the sizes that fit are returned"]
-    pub fn within(self, gpu: &Gpu, budget: u64, picture: (u32, u32)) -> Result<Self> {
+    pub fn within(self, gpu: &Gpu, budget: u64, target: (u32, u32)) -> Result<Self> {
         self.check()?;
         let limits = gpu.device.limits();
         let storage = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
@@ -119,13 +123,13 @@ impl Sizes {
             images: self.images.min(u32::try_from(widest(self.image_side)).unwrap_or(u32::MAX)),
             ..self
         };
-        wanted.shared_out(budget, picture)
+        wanted.shared_out(budget, target)
     }
 
     /// [`Self::within`] on a device that could hold all of `self`.
-    fn shared_out(self, budget: u64, picture: (u32, u32)) -> Result<Self> {
+    fn shared_out(self, budget: u64, target: (u32, u32)) -> Result<Self> {
         let fewest = Self { tiles: self.tiles.min(FEWEST), images: self.images.min(FEWEST), ..self };
-        let least = fewest.bytes(picture);
+        let least = fewest.bytes(target);
         if least > budget {
             return Err(Error::usage(format!(
                 "{} MiB of graphics memory are too little for this file: give at least {} MiB (--gpu-memory)",
@@ -133,7 +137,7 @@ impl Sizes {
                 least.div_ceil(1 << 20)
             )));
         }
-        let free = budget.saturating_sub(Self { tiles: 0, images: 0, ..self }.bytes(picture));
+        let free = budget.saturating_sub(Self { tiles: 0, images: 0, ..self }.bytes(target));
         let of = |bytes: u64, each: u64, (few, most): (u32, u32)| {
             u32::try_from(bytes / each.max(1)).unwrap_or(u32::MAX).clamp(few, most)
         };
@@ -146,9 +150,9 @@ impl Sizes {
         }
         fits.tiles = of(left(fits.images, self.image_bytes()), self.tile_bytes(), tiles);
         // Layers are whole, so a few slots less may fit than the bytes would hold; the fewest do.
-        while fits.bytes(picture) > budget && fits != fewest {
+        while fits.bytes(target) > budget && fits != fewest {
             fits.tiles = fits.tiles.saturating_sub(1).max(fewest.tiles);
-            if fits.bytes(picture) > budget {
+            if fits.bytes(target) > budget {
                 fits.images = fits.images.saturating_sub(1).max(fewest.images);
             }
         }
@@ -167,7 +171,7 @@ impl Sizes {
     }
 }
 
-/// Uniforms, index meshes and counters, rounded up.
+/// Bytes of uniforms, index meshes and counters, rounded up.
 const FIXED_BYTES: u64 = 1 << 20;
 
 #[cfg(test)]
@@ -194,13 +198,13 @@ mod tests {
                 (9000, 9000, 516),
             ] {
                 let all = Sizes { tile, patch_log2, tiles, images, image_side, gutter: 2 };
-                for picture in [(64, 64), (1280, 720), (1921, 1081)] {
-                    let least = named(&all.shared_out(0, picture).expect_err("no memory"));
-                    let refusal = all.shared_out((least << 20) - (1 << 20), picture);
+                for target in [(64, 64), (1280, 720), (1921, 1081)] {
+                    let least = named(&all.shared_out(0, target).expect_err("no memory"));
+                    let refusal = all.shared_out((least << 20) - (1 << 20), target);
                     assert_eq!(named(&refusal.expect_err("too little")), least, "{all:?}");
                     for budget in [least << 20, (least << 20) + 4321, least << 21, (9 * least) << 20] {
-                        let fits = all.shared_out(budget, picture).expect("enough");
-                        assert!(fits.bytes(picture) <= budget, "{fits:?}");
+                        let fits = all.shared_out(budget, target).expect("enough");
+                        assert!(fits.bytes(target) <= budget, "{fits:?}");
                         assert!(
                             fits.tiles >= tiles.min(FEWEST) && fits.images >= images.min(FEWEST),
                             "{fits:?}"

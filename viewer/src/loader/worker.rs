@@ -1,4 +1,4 @@
-//! What the loader thread does.
+//! The loop of the loader thread.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -13,20 +13,20 @@ use relevo_core::select::{Frame, View, select};
 use relevo_core::texel::Texels;
 use relevo_core::{Result, TileId};
 
-use super::{Ask, Delivery, Item, LoadedImage, LoadedTile, Message};
+use super::{Delivery, Item, LoadedImage, LoadedTile, Message, Request};
 use crate::known::{KnownImages, KnownTiles};
 
-/// Tiles that are loaded before the thread looks for a new question.
+/// Tiles that are loaded before the thread looks for a new request.
 const BATCH: usize = 4;
 
-/// A decoded tile of either kind, as it is kept.
+/// A decoded tile of either kind, as the cache holds it.
 #[derive(Clone)]
 enum Decoded {
     Tile(Arc<TileTable>, Arc<TileData>),
     Image(Arc<Texels>),
 }
 
-/// The receiver is gone: so is the reason to go on.
+/// The receiver is gone, so the thread ends.
 struct Closed;
 
 pub(super) struct Worker {
@@ -38,10 +38,10 @@ pub(super) struct Worker {
     cache: Lru<Item, Decoded>,
     bad: HashSet<Item>,
     refused: HashSet<Item>,
-    ask: Option<Ask>,
-    /// The question has not been looked at yet.
+    request: Option<Request>,
+    /// True if the request has not been looked at yet.
     new: bool,
-    /// What [`Worker::refused`] holds for.
+    /// The kind of request that [`Worker::refused`] holds for.
     kind: (usize, u64, u64),
     out: SyncSender<Delivery>,
 }
@@ -62,24 +62,24 @@ impl Worker {
             cache: Lru::new(ram_cache),
             bad: HashSet::new(),
             refused: HashSet::new(),
-            ask: None,
+            request: None,
             new: false,
             kind: (0, 0, 0),
             out,
         }
     }
 
-    /// Until the other side is gone.
-    pub fn run(mut self, questions: &Receiver<Message>) {
+    /// Runs until the drawing thread closes its channels.
+    pub fn run(mut self, messages: &Receiver<Message>) {
         let mut idle = true;
         loop {
             if idle {
-                let Ok(message) = questions.recv() else { return };
-                self.hear(message);
+                let Ok(message) = messages.recv() else { return };
+                self.handle(message);
             }
             loop {
-                match questions.try_recv() {
-                    Ok(message) => self.hear(message),
+                match messages.try_recv() {
+                    Ok(message) => self.handle(message),
                     Err(TryRecvError::Empty) => break,
                     Err(TryRecvError::Disconnected) => return,
                 }
@@ -91,16 +91,16 @@ impl Worker {
         }
     }
 
-    fn hear(&mut self, message: Message) {
+    fn handle(&mut self, message: Message) {
         match message {
-            Message::Ask(ask) => {
-                // Another question may have room for what was refused.
-                let kind = (ask.options.max_tiles, ask.magnification.to_bits(), ask.serial / 32);
+            Message::Request(request) => {
+                // For another request there may be room for what was refused.
+                let kind = (request.options.max_tiles, request.magnification.to_bits(), request.serial / 32);
                 if self.kind != kind {
                     self.refused.clear();
                 }
                 self.kind = kind;
-                self.ask = Some(*ask);
+                self.request = Some(*request);
                 self.new = true;
             }
             Message::Gone(items) => items.into_iter().for_each(|item| self.forget(item)),
@@ -119,29 +119,29 @@ impl Worker {
         }
     }
 
-    /// Loads a few of the most urgent tiles; false if there is nothing to do.
+    /// Loads a few of the most urgent tiles; returns false if there is nothing to do.
     fn work(&mut self) -> Result<bool, Closed> {
-        let Some(ask) = self.ask.take() else { return Ok(false) };
+        let Some(request) = self.request.take() else { return Ok(false) };
         if std::mem::take(&mut self.new)
-            && let Some(height) = ask.views.first().and_then(|view| self.ground(&ask.frame, view))
+            && let Some(height) = request.views.first().and_then(|view| self.ground(&request.frame, view))
         {
             self.send(Delivery::Ground(height))?;
         }
-        for (index, view) in ask.views.iter().enumerate() {
-            let wanted = self.wanted(&ask, view);
+        for (index, view) in request.views.iter().enumerate() {
+            let wanted = self.wanted(&request, view);
             if wanted.is_empty() {
                 if index == 0 {
-                    self.send(Delivery::Settled(ask.serial))?;
+                    self.send(Delivery::Settled(request.serial))?;
                 }
                 continue;
             }
             for item in wanted.into_iter().take(BATCH) {
                 self.deliver(item, index > 0)?;
             }
-            self.ask = Some(ask);
+            self.request = Some(request);
             return Ok(true);
         }
-        // Answered; the next question comes with the next frame.
+        // All delivered; the next request comes with the next frame.
         Ok(false)
     }
 
@@ -149,20 +149,20 @@ impl Worker {
         self.out.send(delivery).map_err(|_| Closed)
     }
 
-    /// What a view wants and can have, the most urgent first.
-    fn wanted(&self, ask: &Ask, view: &View) -> Vec<Item> {
+    /// Returns the tiles that a view wants and can have, the most urgent first.
+    fn wanted(&self, request: &Request, view: &View) -> Vec<Item> {
         let mut list: Vec<(f64, Item)> = Vec::new();
-        let selection = select(&self.tiles, &ask.frame, view, &ask.options);
-        let scale = ask.options.tolerance.max(1e-9);
+        let selection = select(&self.tiles, &request.frame, view, &request.options);
+        let scale = request.options.tolerance.max(1e-9);
         list.extend(selection.wanted.iter().map(|wanted| (wanted.priority / scale, Item::Tile(wanted.id))));
         if self.tiles.table(TileId::ROOT).is_none() {
             list.push((f64::INFINITY, Item::Tile(TileId::ROOT)));
         }
         if let (Some(images), Some(layer)) = (&self.images, self.reader.imagery()) {
-            let (texels, magnification) = (layer.header().tile, ask.magnification);
+            let (texels, magnification) = (layer.header().tile, request.magnification);
             let on = Layer { images, texels, magnification };
-            let (_, wanted) = imagery::assign(&selection, Some(on), &ask.frame, view);
-            let scale = ask.magnification.max(1e-9);
+            let (_, wanted) = imagery::assign(&selection, Some(on), &request.frame, view);
+            let scale = request.magnification.max(1e-9);
             list.extend(wanted.iter().map(|wanted| (wanted.priority / scale, Item::Image(wanted.id))));
             if !images.ready(TileId::ROOT) {
                 list.push((f64::INFINITY, Item::Image(TileId::ROOT)));
@@ -184,7 +184,7 @@ impl Worker {
                 let (children, problems) = self.rows(id);
                 self.tiles.add(Arc::clone(&table), &children);
                 self.send(Delivery::Tile(LoadedTile { table, data, children, ahead }))?;
-                problems.into_iter().try_for_each(|(item, why)| self.spoil(item, why))
+                problems.into_iter().try_for_each(|(item, why)| self.mark_unreadable(item, why))
             }
             (Item::Image(id), Ok(Decoded::Image(texels))) => {
                 let (children, problems) = self.image_rows(id);
@@ -192,19 +192,19 @@ impl Worker {
                     images.add(id, &children);
                 }
                 self.send(Delivery::Image(LoadedImage { id, texels, children, ahead }))?;
-                problems.into_iter().try_for_each(|(item, why)| self.spoil(item, why))
+                problems.into_iter().try_for_each(|(item, why)| self.mark_unreadable(item, why))
             }
-            (_, Err(error)) => self.spoil(item, error.to_string()),
+            (_, Err(error)) => self.mark_unreadable(item, error.to_string()),
             // A cache that answers with another kind has no such key.
-            _ => self.spoil(item, "it is of another kind".into()),
+            _ => self.mark_unreadable(item, "it is of another kind".into()),
         }
     }
 
-    fn spoil(&mut self, item: Item, why: String) -> Result<(), Closed> {
+    fn mark_unreadable(&mut self, item: Item, why: String) -> Result<(), Closed> {
         self.bad.insert(item);
         match (item, &mut self.images) {
-            (Item::Tile(id), _) => self.tiles.spoil(id),
-            (Item::Image(id), Some(images)) => images.spoil(id),
+            (Item::Tile(id), _) => self.tiles.mark_unreadable(id),
+            (Item::Image(id), Some(images)) => images.mark_unreadable(id),
             (Item::Image(_), None) => {}
         }
         self.send(Delivery::Bad(item, why))
@@ -243,7 +243,7 @@ impl Worker {
         Ok((Decoded::Image(Arc::new(texels)), bytes))
     }
 
-    /// Rows of the children of a tile; those that cannot be read with the reason.
+    /// Returns the rows of the children of a tile, and the reasons for those that cannot be read.
     fn rows(&self, id: TileId) -> ([Option<Node>; 4], Vec<(Item, String)>) {
         let mut problems = Vec::new();
         let Ok(Some(entry)) = self.reader.entry(id) else { return ([None; 4], problems) };
@@ -266,7 +266,7 @@ impl Worker {
         (rows, problems)
     }
 
-    /// A row as selection takes it: without children if one of them cannot be read.
+    /// Returns a row for selection: without children if one of them cannot be read.
     fn node(&self, entry: &TileEntry) -> Node {
         let mut node = Node::new(self.reader.header(), self.reader.geo(), &self.frame, entry);
         if entry.child_ids().any(|child| self.bad.contains(&Item::Tile(child))) {
@@ -304,7 +304,7 @@ impl Worker {
         bad.fold(bits, |bits, quadrant| bits & !(1 << quadrant))
     }
 
-    /// Height of the ground under the eye, from the finest decoded tile there.
+    /// Returns the height of the ground under the eye, from the finest decoded tile there.
     fn ground(&self, frame: &Frame, view: &View) -> Option<f64> {
         let [column, row, _] = frame.lattice(view.eye);
         let header = self.reader.header();

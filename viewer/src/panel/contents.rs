@@ -21,8 +21,8 @@ const TITLE: f32 = 50.0;
 /// Width of a border and what it keeps free inside, on both sides, in points.
 const BORDER: f32 = 20.0;
 
-/// Lays everything out for one frame: the panel if it is `open`, the help and the messages as `state` says. Returns
-/// what the user has changed.
+/// Lays everything out for one frame: the panel if it is `open`, the help and the messages as
+/// `state` says. Returns what the user has changed.
 pub(super) fn show(context: &Context, state: &State<'_>, open: bool) -> Vec<Change> {
     messages(context, state.messages);
     if state.help {

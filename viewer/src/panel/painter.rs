@@ -77,14 +77,15 @@ mod tests {
     use egui::{Area, Color32, Id, RawInput, Rect, pos2, vec2};
 
     use super::*;
-    use crate::gpu::picture::{FORMAT, Picture};
+    use crate::gpu::RenderTarget;
+    use crate::gpu::target::FORMAT;
     use crate::panel::context;
     use crate::stage::headless_gpu;
 
     /// The colour of the sky under everything, as the target stores it.
     const SKY: [u8; 3] = [0, 0, 255];
 
-    fn clear(gpu: &Gpu, target: &Picture) {
+    fn clear(gpu: &Gpu, target: &RenderTarget) {
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let load = wgpu::LoadOp::Clear(wgpu::Color::BLUE);
         let attachment = wgpu::RenderPassColorAttachment {
@@ -103,7 +104,7 @@ mod tests {
     #[test]
     fn what_egui_draws_lies_over_the_picture_and_changes_nothing_beside_it() {
         let gpu = headless_gpu("software").expect("a software adapter");
-        let target = Picture::new(&gpu, (64, 48), FORMAT).expect("a target");
+        let target = RenderTarget::new(&gpu, (64, 48), FORMAT).expect("a target");
         let mut painter = Painter::new(&gpu, FORMAT).expect("a painter");
         let context = context();
         let screen = Rect::from_min_size(pos2(0.0, 0.0), vec2(64.0, 48.0));

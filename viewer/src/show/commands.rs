@@ -1,4 +1,4 @@
-//! What keys, and the panel, ask for.
+//! The commands of keys and panel.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -8,7 +8,7 @@ use relevo_core::{Error, Result};
 
 use super::Show;
 use crate::camera::{FOV, Mode};
-use crate::gpu::picture;
+use crate::gpu::RenderTarget;
 use crate::input::Command;
 use crate::panel::Change;
 use crate::path::{CameraPath, Key};
@@ -18,7 +18,7 @@ use crate::stage::{Drawing, PAINTS};
 const KEY_EVERY: f64 = 0.25;
 
 impl Show {
-    /// Does what a key asks for; false if it asks for the end.
+    /// Carries out the command of a key; returns false if it ends the program.
     pub fn obey(&mut self, command: Command) -> Result<bool> {
         self.quiet = 0;
         self.end_hint();
@@ -73,7 +73,7 @@ impl Show {
     fn change_mode(&mut self) {
         self.rig.mode = if self.rig.mode == Mode::Fly { Mode::Orbit } else { Mode::Fly };
         if self.rig.mode == Mode::Orbit {
-            // Round the point where the look meets the ground, if it does so soon.
+            // About the point where the direction of view meets the ground, if that is near.
             let down = -self.rig.forward()[2];
             let above = self.above();
             self.rig.distance = if down > 0.05 { above / down } else { 4.0 * above };
@@ -87,10 +87,10 @@ impl Show {
             return;
         }
         let view = self.view();
-        let picture = self.stage.scene.choose(&view, self.drawn_tolerance);
+        let plan = self.stage.scene.choose(&view, self.drawn_tolerance);
         let (frame, rule) = (self.stage.scene.frame(), self.stage.scene.rule());
-        let levels = Levels::of(&picture.selection, frame, &view, self.drawn_tolerance, rule);
-        self.frozen = Some((picture, levels));
+        let levels = Levels::of(&plan.selection, frame, &view, self.drawn_tolerance, rule);
+        self.frozen = Some((plan, levels));
         self.notice("selection is frozen".into());
     }
 
@@ -105,7 +105,7 @@ impl Show {
         });
     }
 
-    /// Does what the panel asks for.
+    /// Carries out a change of the panel.
     pub(super) fn change(&mut self, change: Change) -> Result<()> {
         self.quiet = 0;
         match change {
@@ -116,7 +116,7 @@ impl Show {
         Ok(())
     }
 
-    /// Adds a key to the path that is recorded.
+    /// Adds the pose to the path that is recorded, if enough time has passed.
     pub(super) fn record(&mut self, now: Instant) {
         let pose = self.rig.pose(self.stage.scene.frame());
         let Some((begun, keys)) = &mut self.recording else { return };
@@ -129,10 +129,10 @@ impl Show {
     fn screenshot(&mut self) -> Result<()> {
         let file = free_name("relevo-picture", "png");
         let size = self.canvas.size();
-        let target = picture::Picture::new(&self.stage.gpu, size, self.canvas.format())?;
+        let target = RenderTarget::new(&self.stage.gpu, size, self.canvas.format())?;
         let view = self.view();
         let chosen = match &self.frozen {
-            Some((picture, _)) => picture.clone(),
+            Some((plan, _)) => plan.clone(),
             None => self.stage.scene.choose(&view, self.drawn_tolerance),
         };
         let levels = self.frozen.as_ref().map(|(_, levels)| levels);

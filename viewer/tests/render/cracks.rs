@@ -2,7 +2,7 @@
 
 use relevo::select::imagery::Draw;
 use relevo::select::{EdgeRule, Levels, Side, View};
-use relevo_viewer::gpu::{Look, Paint, picture};
+use relevo_viewer::gpu::{Look, Paint, target};
 
 use crate::scene::{LOOK, Random, Scene, Shot, flat, gpu, grid, magenta, mixed, rough, views};
 
@@ -23,7 +23,7 @@ pub fn random(scene: &Scene, rule: EdgeRule, seed: u64) -> Levels {
 fn no_pixel_shows_through_at_any_tolerance_or_level() {
     let gpu = gpu();
     let scene = Scene::new(&mixed(), (32, 3), 3, rough);
-    let mut renderer = scene.renderer(&gpu, picture::FORMAT);
+    let mut renderer = scene.renderer(&gpu, target::FORMAT);
     for view in &views() {
         for rule in RULES {
             for tolerance in [0.3, 1.0, 4.0, 30.0] {
@@ -52,7 +52,7 @@ fn edges_that_disagree_are_caught() {
         let first = [0, m * (m + 1) + m * m, m * m, m * (m + 1)];
         tile.sides = first.map(|first| Side { first: base + first, local: 0, shift: 0, limit: 0 });
     }
-    let mut renderer = scene.renderer(&gpu, picture::FORMAT);
+    let mut renderer = scene.renderer(&gpu, target::FORMAT);
     let views = views();
     let gaps = |seed: u64| {
         let levels = random(&scene, EdgeRule::Shared, seed);

@@ -4,7 +4,7 @@ use relevo::TileId;
 use relevo::select::imagery::Draw;
 use relevo::select::{Frame, View};
 use relevo::texel::{Colour, Texels};
-use relevo_viewer::gpu::{Look, Paint, Renderer, picture};
+use relevo_viewer::gpu::{Look, Paint, Renderer, target};
 
 use crate::scene::{LOOK, Random, Scene, Shot, flat, gpu, grid};
 
@@ -14,7 +14,8 @@ const INNER: usize = SIDE - 2 * GUTTER;
 /// Metres of the root square.
 const ROOT: f64 = 128.0;
 
-/// Red, green, blue, alpha of a texel of a level, 16 x 2^level texels across the root; beyond it, the nearest.
+/// Red, green, blue, alpha of a texel of a level, 16 x 2^level texels across the root; beyond it,
+/// the nearest.
 fn texel(level: u8, x: i64, y: i64) -> [u8; 4] {
     let last = ((INNER as i64) << level) - 1;
     let (x, y) = (x.clamp(0, last), y.clamp(0, last));
@@ -76,7 +77,7 @@ fn compare(level: u8, draws: &[(u32, [u32; 4], TileId)], dx: f64) {
     scene.sizes.images = count;
     scene.sizes.image_side = SIDE as u32;
     scene.sizes.gutter = GUTTER as u32;
-    let mut renderer: Renderer = scene.renderer(&gpu, picture::FORMAT);
+    let mut renderer: Renderer = scene.renderer(&gpu, target::FORMAT);
     let slot = |id: TileId| count - 1 - ((id.y << level) + id.x);
     for id in grid(level) {
         renderer.upload_image(&gpu, slot(id), &image(id)).expect("room for an image");

@@ -1,7 +1,7 @@
 //! Levels found on the device are those of the CPU.
 
 use relevo::select::{EdgeRule, Frame, Levels, View};
-use relevo_viewer::gpu::picture;
+use relevo_viewer::gpu::target;
 
 use crate::scene::{Random, Scene, Shot, gpu, mixed, rough, views};
 
@@ -20,13 +20,14 @@ fn anywhere(count: u64) -> Vec<View> {
         .collect()
 }
 
-/// Levels are monotone in the tolerance, so those of the device lie between those of tolerances a little apart; single
-/// precision can change a level only where an error is as good as equal to the tolerance.
+/// Levels are monotone in the tolerance, so those of the device lie between those of tolerances a
+/// little apart; single precision can change a level only where an error is as good as equal to the
+/// tolerance.
 #[test]
 fn the_device_finds_the_levels_of_the_cpu() {
     let gpu = gpu();
     let mut scene = Scene::new(&mixed(), (32, 3), 3, rough);
-    let mut renderer = scene.renderer(&gpu, picture::FORMAT);
+    let mut renderer = scene.renderer(&gpu, target::FORMAT);
     let (mut all, mut unlike) = (0, 0);
     for (i, view) in views().iter().chain(&anywhere(40)).enumerate() {
         scene.frame = Frame { dx: 1.0, dy: 0.9, exaggeration: [1.0, 3.0][i % 2] };
@@ -54,7 +55,7 @@ fn the_device_finds_the_levels_of_the_cpu() {
 fn given_levels_are_used() {
     let gpu = gpu();
     let scene = Scene::new(&mixed(), (32, 3), 3, rough);
-    let mut renderer = scene.renderer(&gpu, picture::FORMAT);
+    let mut renderer = scene.renderer(&gpu, target::FORMAT);
     let view = &views()[0];
     let mut counts = Vec::new();
     for step in 0..=3 {
@@ -77,7 +78,7 @@ fn given_levels_are_used() {
 fn counts_are_those_of_the_patches_in_the_picture() {
     let gpu = gpu();
     let scene = Scene::new(&crate::scene::grid(2), (32, 3), 2, crate::scene::flat);
-    let mut renderer = scene.renderer(&gpu, picture::FORMAT);
+    let mut renderer = scene.renderer(&gpu, target::FORMAT);
     // 20 metres square in the middle of a patch of 8: with its neighbours, 3 x 3 patches.
     let view = View::look_at([68.0, -68.0, 20.0], [68.0, -68.0, 0.0], 1.0, (100, 100), 0.5);
     let shot = Shot { tolerance: 1e-3, ..Shot::new(&view) };

@@ -1,4 +1,5 @@
-//! Pictures drawn without a window: cracks, coverage, holes, levels, images, large worlds, wrong input.
+//! Pictures drawn without a window: cracks, coverage, holes, levels, images, large worlds, wrong
+//! input.
 
 #![expect(clippy::expect_used, reason = "a test that cannot go on says why")]
 

@@ -1,4 +1,5 @@
-//! Scenes made by hand: tiles of a terrain that is a function of the lattice, with the sides of a selection.
+//! Scenes made by hand: tiles of a terrain that is a function of the lattice, with the sides of a
+//! selection.
 
 use std::sync::Arc;
 
@@ -6,7 +7,7 @@ use relevo::TileId;
 use relevo::select::imagery::Draw;
 use relevo::select::neighbours::edges_of_tile;
 use relevo::select::{Chosen, EdgeRule, Frame, Levels, Selection, Side, TileData, TileTable, View};
-use relevo_viewer::gpu::{FrameInput, Gpu, Look, Paint, Picture, Renderer, Sizes, picture};
+use relevo_viewer::gpu::{FrameInput, Gpu, Look, Paint, RenderTarget, Renderer, Sizes, target};
 
 /// A software adapter, so that every machine draws the same.
 pub fn gpu() -> Gpu {
@@ -60,7 +61,8 @@ pub struct Scene {
     pub draws: Vec<Draw>,
 }
 
-/// A square with tiles of three levels around one corner of the finest: 17 of level 3, 8 of level 2, one of level 1.
+/// A square with tiles of three levels around one corner of the finest: 17 of level 3, 8 of level
+/// 2, one of level 1.
 pub fn mixed() -> Vec<TileId> {
     let mut out = vec![TileId::new(1, 1, 1)];
     let fine = [(0, 0), (1, 0), (0, 1), (1, 1)];
@@ -249,20 +251,20 @@ impl<'a> Shot<'a> {
         format: wgpu::TextureFormat,
     ) -> Vec<u8> {
         let size = (self.view.width, self.view.height);
-        let picture = Picture::new(gpu, size, format).expect("a picture");
+        let target = RenderTarget::new(gpu, size, format).expect("a target");
         let none = vec![None; scene.draws.len()];
-        renderer.render(gpu, &self.input(scene, &none), picture.view(), size).expect("drawn");
+        renderer.render(gpu, &self.input(scene, &none), target.view(), size).expect("drawn");
         if let Ok(folder) = std::env::var("RELEVO_TEST_PICTURES") {
             let name = std::thread::current().name().unwrap_or("picture").replace("::", "-");
             let path = std::path::Path::new(&folder).join(format!("{name}.png"));
-            picture.save(gpu, &path).expect("written");
+            target.save(gpu, &path).expect("written");
         }
-        picture.read(gpu).expect("read back")
+        target.read(gpu).expect("read back")
     }
 
     /// Draws it as people see it.
     pub fn seen(&self, gpu: &Gpu, renderer: &mut Renderer, scene: &Scene) -> Vec<u8> {
-        self.draw(gpu, renderer, scene, picture::FORMAT)
+        self.draw(gpu, renderer, scene, target::FORMAT)
     }
 }
 

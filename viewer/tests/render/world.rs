@@ -5,7 +5,7 @@ use std::sync::Arc;
 use relevo::TileId;
 use relevo::select::{EdgeRule, Frame, Levels, Selection, View};
 use relevo::texel::{Colour, Texels};
-use relevo_viewer::gpu::{Drawn, Gpu, Look, Paint, Picture, Renderer, Sizes, picture};
+use relevo_viewer::gpu::{Drawn, Gpu, Look, Paint, RenderTarget, Renderer, Sizes, target};
 
 use crate::cracks::from_above;
 use crate::scene::{LOOK, Scene, Shot, flat, gpu, grid, magenta, mixed, rough, views};
@@ -26,7 +26,7 @@ fn nothing_is_drawn_where_samples_are_void() {
             data.table.drawable[part as usize] = x < 100 && y + 8 > 90;
         }
     }
-    let mut renderer = scene.renderer(&gpu, picture::FORMAT);
+    let mut renderer = scene.renderer(&gpu, target::FORMAT);
     let view = from_above((500, 500));
     let pixels = Shot { tolerance: 1e-3, ..Shot::new(&view) }.seen(&gpu, &mut renderer, &scene);
     let scale = view.eye[2] / view.lambda();
@@ -67,7 +67,7 @@ fn far_from_the_origin_all_looks_the_same() {
         .into_iter()
         .map(|at| {
             let scene = lone(at, frame);
-            let mut renderer = scene.renderer(&gpu, picture::FORMAT);
+            let mut renderer = scene.renderer(&gpu, target::FORMAT);
             let (east, south) = (f64::from(at) * frame.dx, f64::from(at) * frame.dy);
             // 100 000 km from the origin; the tile is 800 m wide.
             let eye = [east + 100.3, -south - 900.0, 500.0];
@@ -89,7 +89,7 @@ fn targets_with_and_without_srgb_look_alike() {
     let gpu = gpu();
     let scene = Scene::new(&mixed(), (32, 3), 3, rough);
     let view = &views()[1];
-    let formats = [picture::FORMAT, wgpu::TextureFormat::Rgba8Unorm, wgpu::TextureFormat::Bgra8UnormSrgb];
+    let formats = [target::FORMAT, wgpu::TextureFormat::Rgba8Unorm, wgpu::TextureFormat::Bgra8UnormSrgb];
     let look = Look { clear: [0.2, 0.4, 0.6], ..LOOK };
     let pictures = formats.map(|format| {
         let mut renderer = scene.renderer(&gpu, format);
@@ -105,7 +105,7 @@ fn targets_with_and_without_srgb_look_alike() {
 fn every_look_is_another_picture() {
     let gpu = gpu();
     let scene = Scene::new(&mixed(), (32, 3), 3, rough);
-    let mut renderer = scene.renderer(&gpu, picture::FORMAT);
+    let mut renderer = scene.renderer(&gpu, target::FORMAT);
     let view = &views()[3];
     let look = |paint, wireframe, borders| Look { paint, wireframe, borders, sun: [0.6, 0.0, 0.8], ..LOOK };
     let looks = [
@@ -129,7 +129,7 @@ fn every_look_is_another_picture() {
 fn without_tiles_there_is_the_clear_colour() {
     let gpu = gpu();
     let mut scene = Scene::new(&grid(1), (32, 3), 1, flat);
-    let mut renderer = scene.renderer(&gpu, picture::FORMAT);
+    let mut renderer = scene.renderer(&gpu, target::FORMAT);
     (scene.selection, scene.slots, scene.draws) = (Selection::default(), Vec::new(), Vec::new());
     let view = from_above((64, 48));
     assert_eq!(magenta(&Shot::new(&view).seen(&gpu, &mut renderer, &scene)), 64 * 48);
@@ -146,10 +146,10 @@ fn refused(
     images: &[Option<u32>],
 ) -> String {
     let view = from_above((32, 32));
-    let picture = Picture::new(gpu, (32, 32), picture::FORMAT).expect("a picture");
+    let target = RenderTarget::new(gpu, (32, 32), target::FORMAT).expect("a target");
     let none = vec![None; scene.draws.len()];
     let shot = Shot { levels, images, ..Shot::new(&view) };
-    let result = renderer.render(gpu, &shot.input(scene, &none), picture.view(), (32, 32));
+    let result = renderer.render(gpu, &shot.input(scene, &none), target.view(), (32, 32));
     let error = result.expect_err("it is refused").to_string();
     // And the next picture is drawn.
     assert!(error.starts_with("this picture cannot be drawn"), "{error}");
@@ -160,7 +160,7 @@ fn refused(
 fn what_does_not_belong_together_is_refused() {
     let gpu = gpu();
     let fresh = || Scene::new(&grid(1), (32, 3), 1, flat);
-    let mut renderer = fresh().renderer(&gpu, picture::FORMAT);
+    let mut renderer = fresh().renderer(&gpu, target::FORMAT);
     let mut spoilt = |spoil: &dyn Fn(&mut Scene)| {
         let mut scene = fresh();
         spoil(&mut scene);
@@ -196,7 +196,7 @@ fn what_does_not_belong_together_is_refused() {
 fn uploads_of_other_sizes_are_refused() {
     let gpu = gpu();
     let scene = Scene::new(&grid(0), (32, 3), 0, flat);
-    let mut renderer = scene.renderer(&gpu, picture::FORMAT);
+    let mut renderer = scene.renderer(&gpu, target::FORMAT);
     let mut tile = scene.data[0].clone();
     assert!(renderer.upload_tile(&gpu, 400, &tile).is_err());
     tile.table.low.pop();
@@ -206,27 +206,27 @@ fn uploads_of_other_sizes_are_refused() {
     assert!(renderer.upload_tile(&gpu, 0, &tile).is_err());
     let image = Texels { side: 2, kind: Colour::Grey, colour: vec![0; 4], alpha: None };
     assert!(renderer.upload_image(&gpu, 0, &image).is_err());
-    assert!(Picture::new(&gpu, (0, 5), picture::FORMAT).is_err());
-    assert!(Picture::new(&gpu, (1 << 20, 5), picture::FORMAT).is_err());
-    assert!(Renderer::new(&gpu, Sizes { tile: 33, ..scene.sizes }, picture::FORMAT).is_err());
-    assert!(Renderer::new(&gpu, Sizes { tiles: 1 << 28, ..scene.sizes }, picture::FORMAT).is_err());
+    assert!(RenderTarget::new(&gpu, (0, 5), target::FORMAT).is_err());
+    assert!(RenderTarget::new(&gpu, (1 << 20, 5), target::FORMAT).is_err());
+    assert!(Renderer::new(&gpu, Sizes { tile: 33, ..scene.sizes }, target::FORMAT).is_err());
+    assert!(Renderer::new(&gpu, Sizes { tiles: 1 << 28, ..scene.sizes }, target::FORMAT).is_err());
 }
 
 #[test]
 fn a_lost_device_is_an_error() {
     let gpu = gpu();
     let scene = Scene::new(&grid(1), (32, 3), 1, flat);
-    let mut renderer = scene.renderer(&gpu, picture::FORMAT);
+    let mut renderer = scene.renderer(&gpu, target::FORMAT);
     let view = from_above((32, 32));
     Shot::new(&view).seen(&gpu, &mut renderer, &scene);
-    let picture = Picture::new(&gpu, (32, 32), picture::FORMAT).expect("a picture");
+    let target = RenderTarget::new(&gpu, (32, 32), target::FORMAT).expect("a target");
     gpu.device.destroy();
     let none = vec![None; 4];
     let input = Shot { rule: EdgeRule::Paper, ..Shot::new(&view) }.input(&scene, &none);
-    let drawn = renderer.render(&gpu, &input, picture.view(), (32, 32));
-    let read = picture.read(&gpu).map(|_| ());
+    let drawn = renderer.render(&gpu, &input, target.view(), (32, 32));
+    let read = target.read(&gpu).map(|_| ());
     let latest = renderer.latest(&gpu).map(|_| ());
-    let again = renderer.render(&gpu, &input, picture.view(), (32, 32));
+    let again = renderer.render(&gpu, &input, target.view(), (32, 32));
     for result in [drawn, read, latest, again] {
         let error = result.expect_err("the device is lost").to_string();
         assert!(error.contains("graphics device"), "{error}");
@@ -239,7 +239,7 @@ fn a_budget_is_kept() {
     let all = Sizes { tile: 256, patch_log2: 6, tiles: 50_000, images: 9000, image_side: 516, gutter: 2 };
     for (budget, patch_log2) in [(64_u64 << 20, 6), (300 << 20, 6), (300 << 20, 3)] {
         let sizes = Sizes { patch_log2, ..all }.within(&gpu, budget, (640, 480)).expect("room");
-        let renderer = Renderer::new(&gpu, sizes, picture::FORMAT).expect("a renderer");
+        let renderer = Renderer::new(&gpu, sizes, target::FORMAT).expect("a renderer");
         let bytes = renderer.bytes() + 640 * 480 * 4;
         assert!(bytes <= budget && bytes * 10 >= budget * 9, "{bytes} of {budget}: {sizes:?}");
     }

@@ -1,5 +1,5 @@
-// What all passes know. Positions are relative to the eye: a tile's origin is given in columns and rows from the
-// camera's own column and row, so that single precision is enough anywhere.
+// What all passes know. Positions are relative to the eye: a tile's origin is given in columns and
+// rows from the camera's own column and row, so that single precision is enough anywhere.
 
 struct Frame {
     right: vec4<f32>,     // w: tangent of half the horizontal field of view

@@ -3,10 +3,11 @@
 @group(0) @binding(2) var<storage, read> tiles: array<Tile>;
 @group(0) @binding(3) var<storage, read> tables: array<f32>;
 @group(0) @binding(4) var<storage, read> draws: array<Draw>;
-// Exponent of each patch, shown << 8; then, in the second half, its least exponent, at the end its error in pixels.
+// Exponent of each patch, shown << 8; then, in the second half, its least exponent, at the end its
+// error in pixels.
 @group(0) @binding(5) var<storage, read_write> steps: array<u32>;
-// By edge number, the greatest least exponent of its patches; then, in the second half, 255 - the edge's exponent:
-// both grow, so both start at 0.
+// By edge number, the greatest least exponent of its patches; then, in the second half, 255 - the
+// edge's exponent: both grow, so both start at 0.
 @group(0) @binding(6) var<storage, read_write> edges: array<atomic<u32>>;
 // By bucket: how many instances, the first of them, how many are written.
 @group(0) @binding(7) var<storage, read_write> buckets: array<atomic<u32>>;

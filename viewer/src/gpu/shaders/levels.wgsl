@@ -1,11 +1,13 @@
-// Steps of patches and edges, as `relevo::select::levels` says. One thread for each patch of each tile.
+// Steps of patches and edges, as `relevo::select::levels` says. One thread for each patch of each
+// tile.
 
 struct Space {
     low: vec3<f32>,
     high: vec3<f32>,
 }
 
-// Row `what` of a tile's table: steps of vertical errors, steps of horizontal ones, low, high, drawable.
+// Row `what` of a tile's table: steps of vertical errors, steps of horizontal ones, low, high,
+// drawable.
 fn entry(tile: Tile, what: u32, part: u32) -> f32 {
     let parts = frame.sizes.z * frame.sizes.z;
     let words = parts * (2u * frame.sizes.y + 5u);
@@ -49,7 +51,8 @@ fn sees(space: Space) -> bool {
     return inside;
 }
 
-// How near a box comes, and how much of a vertical and of a horizontal error in it is seen: `View::pixel_scale`.
+// How near a box comes, and how much of a vertical and of a horizontal error in it is seen:
+// `View::pixel_scale`.
 struct Reach {
     depth: f32,
     vertical: f32,

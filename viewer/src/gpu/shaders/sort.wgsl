@@ -1,5 +1,5 @@
-// From steps to instances, bucket by bucket, and to indirect draws. One thread for each patch of each draw.
-// Bucket numbers and pieces are those of `relevo::select::pattern`.
+// From steps to instances, bucket by bucket, and to indirect draws. One thread for each patch of
+// each draw. Bucket numbers and pieces are those of `relevo::select::pattern`.
 
 struct Patch {
     draw: u32,
@@ -35,7 +35,8 @@ fn patch_of(i: u32) -> Patch {
     let most = vec4<u32>(frame.sizes.y);
     found.step = min(max(inner & 255u, least) - least, frame.sizes.y);
     found.outer = min(max(outer, vec4<u32>(least)) - least, most);
-    // Parity of the patch's column + row over the level; tiles with several patches have an even number of them.
+    // Parity of the patch's column + row over the level; tiles with several patches have an even
+    // number of them.
     found.odd = ((corner.x + corner.y + select(0u, tile.kind >> 16u, m == 1u)) & 1u) == 1u;
     return found;
 }

@@ -87,7 +87,8 @@ fn hidden(in: Vertex) -> bool {
     if in.valid < 0.5 || (in.part & CUT) == 0u {
         return in.valid < 0.5;
     }
-    // Only a side that cuts the patch matters: all else is drawn by this draw, to the last fragment.
+    // Only a side that cuts the patch matters: all else is drawn by this draw, to the last
+    // fragment.
     let window = window_of(draws[in.draw]);
     let low = corner_of(in.part);
     let high = low + (1u << frame.sizes.y);
@@ -95,7 +96,8 @@ fn hidden(in: Vertex) -> bool {
         || any((window.zw < high) & (in.place >= vec2<f32>(window.zw)));
 }
 
-// Height and gradient (metres for each sample) of the quadratic spline over the tile's full lattice: no facets from near by.
+// Height and gradient (metres for each sample) of the quadratic spline over the tile's full
+// lattice: no facets from near by.
 fn lattice(tile: Tile, place: vec2<f32>) -> vec3<f32> {
     let middle = clamp(round(place), vec2<f32>(1.0), vec2<f32>(f32(frame.sizes.x) - 1.0));
     let f = clamp(place - middle, vec2<f32>(-0.5), vec2<f32>(0.5));

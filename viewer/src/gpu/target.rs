@@ -1,4 +1,4 @@
-//! A target without a window, and its pixels as bytes.
+//! A texture to draw on, and its pixels as bytes or as a PNG file.
 
 use std::io::BufWriter;
 use std::path::Path;
@@ -8,12 +8,12 @@ use relevo_core::{Error, Result};
 
 use super::device::Gpu;
 
-/// What pictures without a window are made of.
+/// Format of render targets without a window.
 pub const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
 
-/// Something to draw on.
+/// A texture that is drawn on and read back.
 #[derive(Debug)]
-pub struct Picture {
+pub struct RenderTarget {
     texture: wgpu::Texture,
     view: wgpu::TextureView,
 }
@@ -30,15 +30,15 @@ pub(crate) fn check(gpu: &Gpu, (width, height): (u32, u32)) -> Result<()> {
     Ok(())
 }
 
-impl Picture {
-    /// A picture of `size` pixels; `format` has four bytes a pixel, as [`FORMAT`] has.
+impl RenderTarget {
+    /// Returns a target of `size` pixels; `format` has four bytes a pixel, as [`FORMAT`] has.
     pub fn new(gpu: &Gpu, size: (u32, u32), format: wgpu::TextureFormat) -> Result<Self> {
         check(gpu, size)?;
         if format.block_copy_size(None) != Some(4) {
             return Err(Error::usage(format!("pictures of {format:?} cannot be read back")));
         }
         let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("picture"),
+            label: Some("render target"),
             size: wgpu::Extent3d { width: size.0, height: size.1, depth_or_array_layers: 1 },
             mip_level_count: 1,
             sample_count: 1,
@@ -52,17 +52,18 @@ impl Picture {
         Ok(Self { texture, view })
     }
 
-    /// Where to draw.
+    /// Returns the view to draw on.
     pub fn view(&self) -> &wgpu::TextureView {
         &self.view
     }
 
-    /// Pixels across and down.
+    /// Returns width and height in pixels.
     pub fn size(&self) -> (u32, u32) {
         (self.texture.width(), self.texture.height())
     }
 
-    /// Its pixels, red, green, blue and alpha, row by row from the top; waits for what is being drawn.
+    /// Returns its pixels, red, green, blue and alpha, row by row from the top; waits for the
+    /// drawing.
     pub fn read(&self, gpu: &Gpu) -> Result<Vec<u8>> {
         gpu.check()?;
         let (width, height) = self.size();
