@@ -4,7 +4,7 @@ use relevo::source::advice;
 
 /// Advice, and fields of the library's options in backquotes, beside the options that are these
 /// here.
-const NAMES: [(&str, &str); 20] = [
+const NAMES: [(&str, &str); 21] = [
     (advice::NODATA, "give --nodata"),
     (advice::BAND, "choose another by --band N"),
     (advice::UNIT, "give --vertical-unit"),
@@ -13,6 +13,7 @@ const NAMES: [(&str, &str); 20] = [
     ("`crs`", "--crs"),
     ("`deep`", "--deep"),
     ("`force`", "--force"),
+    ("`imagery_tile`", "--imagery-tile"),
     ("`level`", "--level"),
     ("`memory`", "--memory"),
     ("`metric`", "--metric"),

@@ -77,7 +77,7 @@ fn all_void(info: &SourceInfo, plan: &Plan) -> Error {
         "elevation band",
         "at least one valid sample",
         format!(
-            "{} x {} samples that are all void (nodata value: {nodata}); if that value is wrong, give --nodata",
+            "{} x {} samples that are all void (nodata value: {nodata}); if that value is wrong, give `nodata`",
             info.width, info.height
         ),
     )

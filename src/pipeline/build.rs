@@ -83,7 +83,7 @@ pub fn build_window(
         outcome::check_warnings(&source.info().warnings, options.strict)?;
         let all = plan.pyramid.tiles(plan.pyramid.levels);
         if window.is_empty() || !all.covers(window) {
-            return Err(Error::usage(format!("--window {window}: expected tiles of the leaf level, {all}")));
+            return Err(Error::usage(format!("`window` {window}: expected tiles of the leaf level, {all}")));
         }
         check_output(output, source, None)?;
         let mut job = Job { source, plan, options, progress };

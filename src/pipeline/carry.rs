@@ -54,7 +54,8 @@ impl Item<'_> {
             Self::Part(id, parent) => {
                 let quadrant = (id.y % 2 * 2 + id.x % 2) as u8;
                 let summary = parent.summary(quadrant);
-                let summary = summary.ok_or_else(|| Error::usage(format!("tile {id} has left nothing")))?;
+                let summary = summary
+                    .ok_or_else(|| Error::internal(format!("tile {id} has left nothing to its parent")))?;
                 (Kind::Summary, id, summary.encode()?)
             }
             Self::Border(id, lattice) => (Kind::Border, id, child_summary::encode_border(lattice)?),

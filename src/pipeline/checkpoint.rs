@@ -49,7 +49,7 @@ impl Checkpoints {
         let Some(running) = self.running.take() else { return Ok(()) };
         let result = running
             .join()
-            .unwrap_or_else(|_| Err(Error::usage("the thread that writes the state of the build failed")));
+            .unwrap_or_else(|_| Err(Error::internal("the thread that writes the state of the build failed")));
         self.written |= result.is_ok();
         result
     }

@@ -119,7 +119,7 @@ fn too_little(plan: &Plan, why: &str) -> Error {
     let least = of_strips.chain([memory_of(plan, &[])]).min().unwrap_or(0).div_ceil(1 << 20);
     let (width, side, jobs) = (plan.pyramid.width, plan.pyramid.tile, plan.jobs);
     Error::usage(format!(
-        "--memory: a raster {width} samples wide takes {least} MiB at least, with tiles of {side} x {side} on {jobs} threads; {why}"
+        "`memory`: a raster {width} samples wide takes {least} MiB at least, with tiles of {side} x {side} on {jobs} threads; {why}"
     ))
 }
 
@@ -160,7 +160,7 @@ pub fn check_limit(plan: &Plan, passes: &[Rect], limit: Option<u64>) -> Result<(
         return Ok(());
     }
     Err(Error::usage(format!(
-        "--memory: the unfinished build was begun with more and may take {} MiB: resume it with that, or begin anew with --force",
+        "`memory`: the unfinished build was begun with more and may take {} MiB: resume it with that, or begin anew by `force`",
         needed.div_ceil(1 << 20)
     )))
 }

@@ -97,8 +97,8 @@ impl Imagery<'_> {
         let least = *self.memory(ground, threads)?.start();
         let Some(rest) = limit.checked_sub(least) else {
             return Err(Error::usage(format!(
-                "--memory: an imagery layer of tiles of {} texels takes about {} MiB on {threads} threads; allow more, or use smaller \
-                 tiles (--imagery-tile) or fewer threads",
+                "`memory`: an imagery layer of tiles of {} texels takes about {} MiB on {threads} threads; allow more, or use a smaller \
+                 `imagery_tile` or fewer threads",
                 self.options.tile,
                 least.div_ceil(1 << 20),
             )));

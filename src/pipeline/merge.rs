@@ -160,7 +160,7 @@ fn check_cover(plan: &Plan, pieces: &[PathBuf], states: &[State]) -> Result<()> 
         while x < all.columns.end {
             let Some(window) = states.iter().map(|s| &s.window).find(|window| window.contains(x, y)) else {
                 return Err(Error::usage(format!(
-                    "no piece has leaf tile {x}/{y}; build it with --window (all tiles: {all})"
+                    "no piece has leaf tile {x}/{y}; build that `window` (all tiles: {all})"
                 )));
             };
             x = window.columns.end;

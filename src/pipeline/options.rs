@@ -66,17 +66,17 @@ pub const CHECKPOINT: Duration = Duration::from_secs(4);
 impl BuildOptions {
     /// Fails if an option has a value that no build can have.
     pub(super) fn check(&self) -> Result<()> {
-        check_power("--tile", self.tile, 16, 1024)?;
-        check_power("--patch", self.patch, 4, 64)?;
+        check_power("`tile`", self.tile, 16, 1024)?;
+        check_power("`patch`", self.patch, 4, 64)?;
         if self.patch > self.tile {
             return Err(Error::usage(format!(
-                "--patch {} is larger than --tile {}; a tile holds at least one patch",
+                "`patch` {} is larger than `tile` {}; a tile holds at least one patch",
                 self.patch, self.tile
             )));
         }
         match self.precision_m {
             Some(precision) if !(precision.is_finite() && precision > 0.0) => {
-                Err(Error::usage(format!("--precision {precision}: expected a length above 0, in metres")))
+                Err(Error::usage(format!("`precision_m` {precision}: expected a length above 0, in metres")))
             }
             _ => Ok(()),
         }
@@ -87,11 +87,11 @@ impl BuildOptions {
         let differ =
             |name: &str, a: String, b: String| (a != b).then(|| format!("{name} was {a}, now it is {b}"));
         let number = |value: Option<f64>| value.map_or("not given".to_owned(), |value| value.to_string());
-        differ("--tile", self.tile.to_string(), other.tile.to_string())
-            .or_else(|| differ("--patch", self.patch.to_string(), other.patch.to_string()))
-            .or_else(|| differ("--metric", self.metric.as_str().to_owned(), other.metric.as_str().to_owned()))
-            .or_else(|| differ("--precision", number(self.precision_m), number(other.precision_m)))
-            .or_else(|| differ("--nodata", number(self.nodata), number(other.nodata)))
+        differ("`tile`", self.tile.to_string(), other.tile.to_string())
+            .or_else(|| differ("`patch`", self.patch.to_string(), other.patch.to_string()))
+            .or_else(|| differ("`metric`", self.metric.as_str().to_owned(), other.metric.as_str().to_owned()))
+            .or_else(|| differ("`precision_m`", number(self.precision_m), number(other.precision_m)))
+            .or_else(|| differ("`nodata`", number(self.nodata), number(other.nodata)))
     }
 }
 

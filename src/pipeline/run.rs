@@ -4,6 +4,7 @@
 //! While a row is worked on, the next band is read.
 
 use std::fs::File;
+use std::path::PathBuf;
 use std::time::Instant;
 
 use super::bands::Bands;
@@ -140,7 +141,8 @@ impl Run<'_> {
             return Ok(());
         }
         let how = difference(&self.state.fingerprint, &now);
-        Err(Error::usage(format!("the input has changed while it was read: {how}; begin anew with --force")))
+        let how = format!("the input has changed while it was read: {how}; `force` begins anew");
+        Err(Error::Changed { path: PathBuf::new(), how })
     }
 
     /// Ends the run, whether it failed or not. The folder is kept if it holds a state to go on

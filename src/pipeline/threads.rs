@@ -20,5 +20,5 @@ pub(super) fn threads(jobs: Option<usize>) -> Result<rayon::ThreadPool> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(count)
         .build()
-        .map_err(|e| Error::usage(format!("cannot start {count} threads: {e}")))
+        .map_err(|e| Error::io("", format!("start {count} threads"), std::io::Error::other(e)))
 }

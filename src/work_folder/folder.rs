@@ -271,7 +271,7 @@ fn resolve(output: &Path, force: bool) -> Result<PathBuf> {
 }
 
 fn exists(output: &Path) -> Error {
-    Error::usage(format!("{} exists; use --force to replace it", output.display()))
+    Error::Exists { path: output.to_owned() }
 }
 
 /// True for a folder that a finished window was given as its output.
@@ -324,11 +324,7 @@ fn state_failed(folder: &Path, source: io::Error) -> Error {
 }
 
 fn unfinished(work: &WorkFolder) -> Error {
-    Error::usage(format!(
-        "{} holds an unfinished build of {}: --resume goes on with it, --force begins anew",
-        work.folder.display(),
-        work.output.display()
-    ))
+    Error::Unfinished { folder: work.folder.clone(), output: work.output.clone() }
 }
 
 fn busy(output: &Path, folder: &Path) -> Error {

@@ -62,10 +62,9 @@ pub fn put_imagery(
 }
 
 fn replaced(file: &Path) -> Error {
-    Error::usage(format!(
-        "{}: it has been replaced or written to while its imagery was made, and stays as it is now; begin again",
-        file.display()
-    ))
+    let how =
+        "it has been replaced or written to while its imagery was made, and stays as it is now; begin again";
+    Error::Changed { path: file.to_owned(), how: how.to_owned() }
 }
 
 /// The file to come.

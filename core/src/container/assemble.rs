@@ -48,12 +48,14 @@ impl<R: Row> Tree<R> {
     pub fn check_new(&self, id: TileId) -> Result<()> {
         if id.level > R::MAX_LEVEL || id.x >> id.level != 0 || id.y >> id.level != 0 {
             let side = 1_u64 << id.level.min(R::MAX_LEVEL);
-            return Err(Error::usage(format!("tile {id} is outside the {side} x {side} tiles of its level")));
+            return Err(Error::internal(format!(
+                "tile {id} is outside the {side} x {side} tiles of its level"
+            )));
         }
         let Some(rows) = self.levels.get(usize::from(id.level)) else { return Ok(()) };
         let Some(first) = rows.index.get(&(id.x, id.y)) else { return Ok(()) };
         let (first, again) = (first + 1, rows.entries.len() + 1);
-        Err(Error::usage(format!("tile {id} came twice: number {first} and number {again} of its level")))
+        Err(Error::internal(format!("tile {id} came twice: number {first} and number {again} of its level")))
     }
 
     /// Adds a row that [`Tree::check_new`] has passed.
