@@ -126,6 +126,16 @@ impl Geo {
     }
 
     /// Inverse of [`Geo::world_from_sample`]; `None` if the geotransform is singular.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// let (x, y) = reader.geo().world_from_sample(12.0, 34.0);
+    /// let (column, row) = reader.geo().sample_from_world(x, y).unwrap();
+    /// assert!((column - 12.0).abs() < 1e-6 && (row - 34.0).abs() < 1e-6);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn sample_from_world(&self, x: f64, y: f64) -> Option<(f64, f64)> {
         let [x0, a, b, y0, d, e] = self.transform_or_identity();
         let determinant = a * e - b * d;
@@ -137,6 +147,15 @@ impl Geo {
     }
 
     /// West, south, east and north of the outer pixel edges of a `width x height` lattice.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// let bounds = reader.geo().bounds(70, 50);
+    /// assert!((bounds[0] - 10.0).abs() < 1e-9 && (bounds[3] - 62.0).abs() < 1e-9);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn bounds(&self, width: u32, height: u32) -> [f64; 4] {
         let (w, h) = (f64::from(width) - 0.5, f64::from(height) - 0.5);
         let corners = [(-0.5, -0.5), (w, -0.5), (-0.5, h), (w, h)].map(|(c, r)| self.world_from_sample(c, r));

@@ -18,6 +18,17 @@ pub fn height_at(reader: &Reader, x: f64, y: f64) -> Result<Option<f64>> {
 }
 
 /// Height in metres at a place of the lattice, fractions allowed; `None` where the surface is not shown.
+///
+/// ```
+/// # use relevo_core::{Reader, TileId};
+/// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+/// # let reader = Reader::open(path)?;
+/// use relevo_core::surface;
+///
+/// let height = surface::height_at_sample(&reader, 20.0, 20.0)?.unwrap();
+/// assert!((61.0..=739.0).contains(&height));
+/// # Ok::<(), relevo_core::Error>(())
+/// ```
 pub fn height_at_sample(reader: &Reader, column: f64, row: f64) -> Result<Option<f64>> {
     let header = reader.header();
     let Some(leaf) = leaf_at(reader, column, row)? else { return Ok(None) };
@@ -26,6 +37,16 @@ pub fn height_at_sample(reader: &Reader, column: f64, row: f64) -> Result<Option
 }
 
 /// The leaf that a place of the lattice lies in; one of them if it lies on a border. `None` if no tile is there.
+///
+/// ```
+/// # use relevo_core::{Reader, TileId};
+/// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+/// # let reader = Reader::open(path)?;
+/// use relevo_core::surface;
+///
+/// assert_eq!(surface::leaf_at(&reader, 20.0, 40.0)?.unwrap().id, TileId::new(3, 1, 2));
+/// # Ok::<(), relevo_core::Error>(())
+/// ```
 pub fn leaf_at(reader: &Reader, column: f64, row: f64) -> Result<Option<TileEntry>> {
     let header = reader.header();
     let side = f64::from(header.tile()) * f64::from(header.spacing(0));

@@ -21,17 +21,36 @@ impl TileId {
     }
 
     /// The tile this one is a quarter of; `None` for the root.
+    ///
+    /// ```
+    /// use relevo_core::TileId;
+    ///
+    /// assert_eq!(TileId::new(2, 3, 1).parent(), Some(TileId::new(1, 1, 0)));
+    /// assert_eq!(TileId::ROOT.parent(), None);
+    /// ```
     pub fn parent(self) -> Option<Self> {
         (self.level > 0).then(|| Self::new(self.level - 1, self.x / 2, self.y / 2))
     }
 
     /// Quadrant 0..4 (north-west, north-east, south-west, south-east) of this tile.
+    ///
+    /// ```
+    /// use relevo_core::TileId;
+    ///
+    /// assert_eq!(TileId::ROOT.child(2), TileId::new(1, 0, 1));
+    /// ```
     #[must_use]
     pub fn child(self, quadrant: u8) -> Self {
         Self::new(self.level + 1, 2 * self.x + u32::from(quadrant & 1), 2 * self.y + u32::from(quadrant >> 1))
     }
 
     /// Which quadrant of its parent this tile is.
+    ///
+    /// ```
+    /// use relevo_core::TileId;
+    ///
+    /// assert_eq!(TileId::ROOT.child(3).quadrant(), 3);
+    /// ```
     pub fn quadrant(self) -> u8 {
         (self.x & 1) as u8 | ((self.y & 1) as u8) << 1
     }

@@ -22,6 +22,16 @@ pub struct ErrorTable {
 
 impl ErrorTable {
     /// Index of a step of the patch in column `x`, row `y`.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// let errors = reader.read_errors(TileId::ROOT)?;
+    /// // The last patch of the last step is the last value of a table.
+    /// assert_eq!(errors.at(2, 3, 3), errors.vertical.len() - 1);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     #[inline]
     pub fn at(&self, step: usize, x: usize, y: usize) -> usize {
         (step * self.patches + y) * self.patches + x

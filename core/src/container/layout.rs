@@ -67,6 +67,12 @@ impl FromStr for Metric {
 
 /// The leaf level `L`: the least with `tile * 2^L >= max(width, height) - 1`. `tile` is in
 /// intervals, at least 1.
+///
+/// ```
+/// use relevo_core::container::leaf_level;
+///
+/// assert_eq!(leaf_level(70, 50, 16), 3);
+/// ```
 pub fn leaf_level(width: u32, height: u32, tile: u32) -> u8 {
     let intervals = u64::from(width.max(height).max(1) - 1);
     let mut level = 0;
@@ -126,17 +132,41 @@ impl Header {
     }
 
     /// Patches along a side of a tile, `T / P`.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// assert_eq!(reader.header().patches(), 4);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn patches(&self) -> u32 {
         1 << (self.tile_log2 - self.patch_log2)
     }
 
     /// Steps that a patch can be drawn at, `p + 1`.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// assert_eq!(reader.header().steps(), 3);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn steps(&self) -> u32 {
         u32::from(self.patch_log2) + 1
     }
 
     /// Lattice samples from one sample of a level to the next: `2^(L - level)`; 1 below the leaf
     /// level.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// assert_eq!([0, 1, 2, 3].map(|level| reader.header().spacing(level)), [8, 4, 2, 1]);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn spacing(&self, level: u8) -> u32 {
         1 << self.levels.saturating_sub(level)
     }
@@ -147,6 +177,16 @@ impl Header {
     }
 
     /// Metres of a code.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// let tile = reader.read_tile(TileId::ROOT)?;
+    /// assert_eq!(reader.header().metres_of(250, 0), 250.0);
+    /// assert_eq!(tile.code.len(), 289);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn metres_of(&self, code: i32, low: u32) -> f64 {
         self.metres(self.coding.value(code, low))
     }
@@ -158,6 +198,14 @@ impl Header {
     }
 
     /// Samples of the first column and row of a tile; they may lie outside the raster.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// assert_eq!(reader.header().origin(TileId::new(3, 1, 2)), (16, 32));
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn origin(&self, id: TileId) -> (u64, u64) {
         let side = u64::from(self.tile()) * u64::from(self.spacing(id.level));
         (u64::from(id.x) * side, u64::from(id.y) * side)
@@ -165,6 +213,14 @@ impl Header {
 
     /// True if a tile of this id can exist: it has a level, lies in the root square and touches the
     /// raster.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// assert!(reader.header().holds(TileId::new(3, 4, 3)) && !reader.header().holds(TileId::new(3, 5, 3)));
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn holds(&self, id: TileId) -> bool {
         if id.level > self.levels || id.x >> id.level != 0 || id.y >> id.level != 0 {
             return false;

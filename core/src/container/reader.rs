@@ -99,6 +99,17 @@ impl Reader {
 
     /// Opens bytes from anywhere: reads and checks header, section table, root page and metadata.
     /// Messages call them `name`.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// use relevo_core::ReaderOptions;
+    ///
+    /// let bytes = std::fs::read(path).unwrap();
+    /// let reader = Reader::new(bytes, "in memory", ReaderOptions::default())?;
+    /// assert_eq!(reader.header().width, 70);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn new(
         bytes: impl ReadAt + 'static,
         name: impl Into<PathBuf>,
@@ -147,6 +158,15 @@ impl Reader {
     }
 
     /// The header: the terrain of the file.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// let header = reader.header();
+    /// assert_eq!((header.width, header.height, header.tile()), (70, 50, 16));
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn header(&self) -> &Header {
         &self.opening.header
     }
@@ -157,6 +177,15 @@ impl Reader {
     }
 
     /// The georeference of the terrain.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// let (x, y) = reader.geo().world_from_sample(0.0, 0.0);
+    /// assert!((x - 10.005).abs() < 1e-9 && (y - 61.9975).abs() < 1e-9);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn geo(&self) -> &Geo {
         &self.geo
     }
@@ -167,6 +196,14 @@ impl Reader {
     }
 
     /// The length of the file in bytes.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// assert_eq!(reader.file_len(), 13_095);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn file_len(&self) -> u64 {
         self.opening.file_length
     }
@@ -177,6 +214,14 @@ impl Reader {
     }
 
     /// The imagery layer, if the file has one.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// assert!(reader.imagery().is_none());
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn imagery(&self) -> Option<&ImageryLayer> {
         self.imagery.as_ref()
     }
@@ -201,6 +246,14 @@ impl Reader {
     }
 
     /// The statistics, if the file has any.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// assert_eq!(reader.statistics()?.unwrap().levels.len(), 4);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn statistics(&self) -> Result<Option<Statistics>> {
         let Some(section) = self.sections().iter().find(|section| section.kind == sections::STATISTICS)
         else {
@@ -227,11 +280,31 @@ impl Reader {
     }
 
     /// The index row of a tile; `None` if the tile does not exist.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// let root = reader.entry(TileId::ROOT)?.unwrap();
+    /// assert_eq!((root.min_m, root.max_m, root.children), (61.0, 739.0, 0b0011));
+    /// assert!(reader.entry(TileId::new(1, 0, 1))?.is_none());
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn entry(&self, id: TileId) -> Result<Option<TileEntry>> {
         self.index.entry(&self.input, id)
     }
 
     /// A chunk as stored, checked against its CRC.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// use relevo_core::ChunkKind;
+    ///
+    /// assert_eq!(reader.raw_chunk(TileId::ROOT, ChunkKind::Heights)?.len(), 210);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn raw_chunk(&self, id: TileId, kind: ChunkKind) -> Result<Vec<u8>> {
         let entry = self.existing(id)?;
         self.chunk(&entry, kind).map_err(|error| error.at(self.path()))
@@ -246,6 +319,15 @@ impl Reader {
     }
 
     /// The error table of a tile.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// let errors = reader.read_errors(TileId::ROOT)?;
+    /// assert_eq!((errors.patches, errors.steps), (4, 3));
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn read_errors(&self, id: TileId) -> Result<ErrorTable> {
         let chunk = self.raw_chunk(id, ChunkKind::Errors)?;
         let (patches, steps) = (self.header().patches() as usize, self.header().steps() as usize);

@@ -77,6 +77,15 @@ impl Projection {
     }
 
     /// Longitude and latitude in degrees, east of Greenwich; `None` where the projection has none.
+    ///
+    /// ```
+    /// use relevo_core::{Projection, crs};
+    ///
+    /// let utm = Projection::of(&crs::read("EPSG:32632")?)?;
+    /// let (lon, lat) = utm.to_lonlat(500_000.0, 5_000_000.0).unwrap();
+    /// assert!((lon - 9.0).abs() < 1e-9 && (lat - 45.153).abs() < 1e-3);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn to_lonlat(&self, x: f64, y: f64) -> Option<(f64, f64)> {
         let Some((plane, degrees)) = &self.plane else {
             let (lon, lat) = (x * self.unit / DEGREE + self.base.meridian.1, y * self.unit / DEGREE);

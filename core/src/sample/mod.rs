@@ -67,6 +67,12 @@ impl SampleType {
     }
 
     /// GDAL's name of the type.
+    ///
+    /// ```
+    /// use relevo_core::SampleType;
+    ///
+    /// assert_eq!((SampleType::Int16.gdal_name(), SampleType::Int16.bytes()), ("Int16", 2));
+    /// ```
     pub fn gdal_name(self) -> &'static str {
         match self {
             Self::Int8 => "Int8",
@@ -199,6 +205,15 @@ impl Lattice {
     }
 
     /// Index of column `x`, row `y`.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// let tile = reader.read_tile(TileId::ROOT)?;
+    /// assert_eq!(tile.at(3, 2), 2 * 17 + 3);
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     #[inline]
     pub fn at(&self, x: usize, y: usize) -> usize {
         y * (self.n + 1) + x

@@ -23,6 +23,15 @@ pub(super) struct Scratch {
 impl Reader {
     /// The samples of a tile. Ancestors that are not in the cache are decoded first and cached:
     /// reading tiles depth first decodes none twice.
+    ///
+    /// ```
+    /// # use relevo_core::{Reader, TileId};
+    /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
+    /// # let reader = Reader::open(path)?;
+    /// let tile = reader.read_tile(TileId::ROOT)?;
+    /// assert_eq!((tile.n, tile.code.len(), tile.state.len()), (16, 17 * 17, 17 * 17));
+    /// # Ok::<(), relevo_core::Error>(())
+    /// ```
     pub fn read_tile(&self, id: TileId) -> Result<Arc<Lattice>> {
         if let Some(lattice) = self.lattices.find(id) {
             return Ok(lattice);
