@@ -420,7 +420,7 @@ fn an_unfinished_file_leaves_nothing_and_a_finished_one_is_not_overwritten() {
 
     write(&path, &spec, &Samples::Int16(vec![7; 16]), 4);
     let before = std::fs::read(&path).unwrap();
-    assert!(matches!(GeotiffWriter::create(&path, &spec), Err(Error::Usage { .. })));
+    assert!(matches!(GeotiffWriter::create(&path, &spec), Err(Error::Exists { .. })));
     drop(GeotiffWriter::create(&path, &GeotiffSpec { force: true, ..spec.clone() }).unwrap());
     assert_eq!((left(), std::fs::read(&path).unwrap()), (1, before));
     write(&path, &GeotiffSpec { force: true, ..spec }, &Samples::Int16(vec![9; 16]), 4);
@@ -434,7 +434,7 @@ fn a_target_that_comes_into_being_meanwhile_is_kept() {
     let mut writer = GeotiffWriter::create(&path, &GeotiffSpec::new(2, 1, SampleType::Uint8, &geo)).unwrap();
     writer.write_rows(&Samples::Uint8(vec![1, 2])).unwrap();
     std::fs::write(&path, "somebody else's").unwrap();
-    assert!(matches!(writer.finish(), Err(Error::Usage { .. })));
+    assert!(matches!(writer.finish(), Err(Error::Exists { .. })));
     assert_eq!(std::fs::read(&path).unwrap(), b"somebody else's");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
 }

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use relevo_core::container::Reader;
 use relevo_core::geo::CrsKind;
-use relevo_core::output::{self, NewFile};
+use relevo_core::output::{Inputs, NewFile, check_apart};
 use relevo_core::select::{EdgeRule, Frame, Levels, Selection, View};
 use relevo_core::{Error, Result, observed, surface};
 
@@ -132,6 +132,16 @@ fn check_free(file: &Path, force: bool) -> Result<()> {
     Err(Error::usage(format!("{}: exists already; --force replaces it", file.display())))
 }
 
+/// Fails if a run of `frames` frames would replace a file that it reads, or one that must stay.
+fn check_outputs(journey: &Journey, inputs: &Inputs, frames: usize) -> Result<()> {
+    let folder = journey.frames.iter();
+    let pictures = folder.flat_map(|folder| (0..frames as u32).map(|frame| folder.join(frame_name(frame))));
+    pictures.chain(journey.metrics.clone()).try_for_each(|file| {
+        inputs.check(&file)?;
+        check_free(&file, journey.force)
+    })
+}
+
 /// Returns the file name of a frame.
 fn frame_name(frame: u32) -> String {
     format!("{frame:06}.png")
@@ -159,22 +169,19 @@ pub struct Summary {
 /// Draws every frame of a camera path. `report` is called with a sentence for each tile that cannot
 /// be read.
 pub fn journey(settings: &Settings, journey: &Journey, report: &mut dyn FnMut(&str)) -> Result<Summary> {
-    let read: Vec<PathBuf> = std::iter::once(&settings.file).chain(&journey.path).cloned().collect();
+    let inputs = Inputs::new(std::iter::once(&settings.file).chain(&journey.path));
     let terrain = Terrain::open(&settings.file, settings.ram_cache)?;
     let path = match &journey.path {
         Some(path) => CameraPath::read(path, terrain.reader().geo())?,
         None => flyover::path(terrain.reader(), settings.exaggeration)?,
     };
     let times = times(&path, journey)?;
+    check_outputs(journey, &inputs, times.len())?;
     if let Some(folder) = &journey.frames {
-        check_free(&folder.join(frame_name(0)), journey.force)?;
         std::fs::create_dir_all(folder).map_err(|error| Error::io(folder, "create", error))?;
     }
-    if let Some(file) = &journey.metrics {
-        output::check_apart(file, &read)?;
-        check_free(file, journey.force)?;
-    }
-    let mut rows = journey.metrics.as_deref().map(open_metrics).transpose()?;
+    let open = |file: &PathBuf| open_metrics(file, journey.force);
+    let mut rows = journey.metrics.as_ref().map(open).transpose()?;
     let mut offscreen = Offscreen::new(settings, terrain)?;
     let mut summary = Summary { adapter: offscreen.stage.gpu.name(), ..Summary::default() };
     let mut governor = Governor::new(settings.target, settings.tolerance);
@@ -188,8 +195,8 @@ pub fn journey(settings: &Settings, journey: &Journey, report: &mut dyn FnMut(&s
         offscreen.stage.scene.take_problems().iter().for_each(|problem| report(problem));
         if let Some(folder) = &journey.frames {
             let file = folder.join(frame_name(frame));
-            output::check_apart(&file, &read)?;
-            offscreen.target.save(&offscreen.stage.gpu, &file)?;
+            inputs.check(&file)?;
+            offscreen.target.save(&offscreen.stage.gpu, &file, journey.force)?;
         }
         if let (Some(rows), Some(file)) = (&mut rows, &journey.metrics) {
             rows.row(&row).map_err(|error| Error::io(file, "write", error))?;
@@ -213,7 +220,7 @@ pub fn shot(settings: &Settings, shot: Shot, output: &Path, report: &mut dyn FnM
         let name = output.display();
         return Err(Error::usage(format!("{name}: expected a name that ends in .png, which pictures are")));
     }
-    output::check_apart(output, std::slice::from_ref(&settings.file))?;
+    check_apart(output, std::slice::from_ref(&settings.file))?;
     check_free(output, shot.force)?;
     let terrain = Terrain::open(&settings.file, settings.ram_cache)?;
     let frame = Frame { exaggeration: settings.exaggeration, ..Frame::of(terrain.reader()) };
@@ -222,7 +229,7 @@ pub fn shot(settings: &Settings, shot: Shot, output: &Path, report: &mut dyn FnM
     let view = pose.view(offscreen.stage.scene.frame(), FOV, settings.size);
     let row = offscreen.frame(&view, settings.tolerance, &Journey::default())?;
     offscreen.stage.scene.take_problems().iter().for_each(|problem| report(problem));
-    offscreen.target.save(&offscreen.stage.gpu, output)?;
+    offscreen.target.save(&offscreen.stage.gpu, output, shot.force)?;
     let mut summary = Summary { adapter: offscreen.stage.gpu.name(), ..Summary::default() };
     summary.add(&row);
     Ok(summary)
@@ -319,6 +326,7 @@ fn times(path: &CameraPath, journey: &Journey) -> Result<Vec<f64>> {
     Ok((0..count as u32).map(|frame| first + step * f64::from(frame)).collect())
 }
 
-fn open_metrics(path: &Path) -> Result<Writer<BufWriter<NewFile>>> {
-    Writer::new(BufWriter::new(NewFile::create(path, true)?)).map_err(|error| Error::io(path, "write", error))
+fn open_metrics(path: &Path, force: bool) -> Result<Writer<BufWriter<NewFile>>> {
+    Writer::new(BufWriter::new(NewFile::create(path, force)?))
+        .map_err(|error| Error::io(path, "write", error))
 }

@@ -90,9 +90,9 @@ impl CameraPath {
         format!("{{\n  \"fov\": {},\n  \"keys\": [\n{}\n  ]\n}}\n", self.fov, lines.join(",\n"))
     }
 
-    /// Writes the path to a file.
+    /// Writes the path to a new file.
     pub fn write(&self, path: &Path) -> Result<()> {
-        relevo_core::output::write(path, self.json().as_bytes(), true)
+        relevo_core::output::write(path, self.json().as_bytes(), false)
     }
 
     /// Returns the keys.

@@ -7,7 +7,7 @@ use relevo_core::select::EdgeRule;
 use crate::governor::Target;
 use crate::gpu::Paint;
 
-/// What chooses the triangles.
+/// The rule that chooses the triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Lod {
     /// Tiles by their errors, and the steps of their patches by theirs.
@@ -43,7 +43,7 @@ pub struct Settings {
     pub exaggeration: f64,
     /// Rule for the steps of shared edges.
     pub rule: EdgeRule,
-    /// What chooses the triangles; a window takes [`Lod::Hybrid`].
+    /// The rule that chooses the triangles; a window takes [`Lod::Hybrid`].
     pub lod: Lod,
     /// Budget on the GPU, in bytes.
     pub gpu_memory: u64,

@@ -316,8 +316,8 @@ fn options_of_one_mode_are_refused_in_the_other() {
 fn what_is_there_is_replaced_only_with_a_word() {
     let (folder, file) = rmnp();
     let at = |name: &str| folder.path().join(name);
-    fs::create_dir(at("frames")).expect("folder");
-    for name in ["shot.png", "figures.csv", "frames/000000.png"] {
+    ["frames", "later"].iter().for_each(|name| fs::create_dir(at(name)).expect("folder"));
+    for name in ["shot.png", "figures.csv", "frames/000000.png", "later/000002.png"] {
         fs::write(at(name), "precious").expect("write");
     }
     let ours = |args: &[&str], code: i32| {
@@ -328,6 +328,7 @@ fn what_is_there_is_replaced_only_with_a_word() {
         (&["--shot", "shot.png"][..], "shot.png"),
         (&["--headless", "--count", "1", "--metrics", "figures.csv"], "figures.csv"),
         (&["--headless", "--count", "1", "--frames", "frames"], "frames/000000.png"),
+        (&["--headless", "--count", "3", "--frames", "later"], "later/000002.png"),
     ] {
         let (_, errors) = ours(args, 2);
         assert!(errors.contains(name) && errors.contains("--force"), "{errors}");
@@ -335,6 +336,66 @@ fn what_is_there_is_replaced_only_with_a_word() {
         let (out, _) = ours(&[args, &["--force", "--quiet"]].concat(), 0);
         assert!(out.is_empty(), "{out}");
         assert_ne!(fs::read(at(name)).expect("replaced"), b"precious");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn what_is_read_is_never_replaced_whatever_it_is_called() {
+    use std::os::unix::fs::{MetadataExt, symlink};
+
+    let (folder, file) = rmnp();
+    let at = |name: &str| folder.path().join(name);
+    // A name that a picture may have.
+    fs::rename(&file, at("dem.png")).expect("rename");
+    let json = r#"{ "keys": [ { "time": 0, "eye": [70, 150, 9000], "target": [75, 90, 2500] } ] }"#;
+    fs::write(at("path.json"), json).expect("path");
+    symlink(".", at("folder")).expect("link");
+    for (input, end) in [("dem.png", "png"), ("path.json", "json")] {
+        fs::hard_link(at(input), at(&format!("hard.{end}"))).expect("link");
+        symlink(input, at(&format!("soft.{end}"))).expect("link");
+        symlink(format!("soft.{end}"), at(&format!("softer.{end}"))).expect("link");
+        for kind in ["hard", "soft"] {
+            let frames = at(&format!("{kind}-{end}"));
+            fs::create_dir(&frames).expect("folder");
+            // The second frame: the first must not be written either.
+            let second = frames.join("000001.png");
+            match kind {
+                "hard" => fs::hard_link(at(input), second).expect("link"),
+                _ => symlink(at(input), second).expect("link"),
+            }
+        }
+    }
+    let inputs = || {
+        let of = |name: &str| {
+            let meta = fs::metadata(at(name)).expect("still there");
+            (meta.ino(), meta.nlink(), fs::read(at(name)).expect("readable"))
+        };
+        (of("dem.png"), of("path.json"))
+    };
+    let before = (inputs(), fs::read_dir(folder.path()).expect("folder").count());
+    let refused = |args: &[&str]| {
+        for force in [&[][..], &["--force"]] {
+            let mut command = viewer();
+            command.current_dir(folder.path()).args(["dem.png", "--size", "64x48"]).args(args).args(force);
+            let (out, errors) = run(&mut command, 2);
+            assert!(out.is_empty() && errors.contains("same file"), "{args:?}: {errors}");
+            assert_eq!(errors.lines().count(), 1, "{errors}");
+            let after = (inputs(), fs::read_dir(folder.path()).expect("folder").count());
+            assert!(after == before, "{args:?} has changed something");
+        }
+    };
+    for name in ["dem.png", "./dem.png", "folder/dem.png", "hard.png", "soft.png", "softer.png"] {
+        refused(&["--shot", name]);
+        refused(&["--headless", "--count", "1", "--metrics", name]);
+    }
+    for name in ["path.json", "folder/path.json", "hard.json", "soft.json", "softer.json"] {
+        refused(&["--headless", "--count", "1", "--path", "path.json", "--metrics", name]);
+        refused(&["--headless", "--count", "1", "--path", name, "--metrics", "path.json"]);
+    }
+    for frames in ["hard-png", "soft-png", "hard-json", "soft-json"] {
+        refused(&["--headless", "--count", "2", "--path", "path.json", "--frames", frames]);
+        assert!(!at(frames).join("000000.png").exists(), "{frames}: a frame was written");
     }
 }
 
@@ -364,7 +425,7 @@ fn a_taller_terrain_stays_in_the_picture() {
             "{exaggeration}"
         );
     }
-    // Below the ground there is nothing to see: the eye is raised, and it is told.
+    // Below the ground there is nothing to see: the eye is raised, and a message says so.
     let (_, errors) = picture("below.png", &["--eye", "76,93,-500", "--target", "80,20,2500"]);
     assert!(errors.contains("below the ground") && errors.lines().count() == 1, "{errors}");
 }

@@ -1,4 +1,4 @@
-//! The window, on a display that nobody sees.
+//! The window, on a virtual display.
 #![expect(clippy::expect_used, reason = "a test that cannot go on says why")]
 #![cfg(target_os = "linux")]
 

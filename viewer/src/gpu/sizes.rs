@@ -159,7 +159,7 @@ impl Sizes {
         Ok(fits)
     }
 
-    /// Refuses what no file has.
+    /// Fails if no file has these sizes.
     pub(crate) fn check(&self) -> Result<()> {
         let power = self.tile.is_power_of_two() && (4..=1024).contains(&self.tile);
         let patch = (2..=6).contains(&self.patch_log2) && self.patches() > 0;

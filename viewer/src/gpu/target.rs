@@ -93,15 +93,16 @@ impl RenderTarget {
         Ok(out)
     }
 
-    /// Writes it as a PNG file.
-    pub fn save(&self, gpu: &Gpu, path: &Path) -> Result<()> {
-        save_png(path, self.size(), &self.read(gpu)?)
+    /// Writes it as a PNG file, in place of another one only if `force` holds.
+    pub fn save(&self, gpu: &Gpu, path: &Path, force: bool) -> Result<()> {
+        save_png(path, self.size(), &self.read(gpu)?, force)
     }
 }
 
-/// Writes pixels (red, green, blue, alpha) as an opaque PNG file.
-pub fn save_png(path: &Path, (width, height): (u32, u32), rgba: &[u8]) -> Result<()> {
-    let mut file = NewFile::create(path, true)?;
+/// Writes pixels (red, green, blue, alpha) as an opaque PNG file, in place of another one only if
+/// `force` holds.
+pub fn save_png(path: &Path, (width, height): (u32, u32), rgba: &[u8], force: bool) -> Result<()> {
+    let mut file = NewFile::create(path, force)?;
     let mut encoder = png::Encoder::new(BufWriter::new(&mut file), width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);

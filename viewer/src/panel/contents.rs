@@ -18,7 +18,7 @@ const WIDTH: f32 = 210.0;
 const MARGIN: f32 = 6.0;
 /// Height of a title and its border, in points.
 const TITLE: f32 = 50.0;
-/// Width of a border and what it keeps free inside, on both sides, in points.
+/// Width of the borders and margins inside them, on both sides together, in points.
 const BORDER: f32 = 20.0;
 
 /// Lays everything out for one frame: the panel if it is `open`, the help and the messages as
@@ -210,7 +210,7 @@ mod tests {
         let context = context();
         let all = Rect::from_min_size(egui::Pos2::ZERO, size.into());
         let mut texts = Vec::new();
-        // egui takes the sizes of a frame from the one before, and lets windows appear by and by.
+        // egui takes the sizes of a frame from the one before, and fades windows in.
         for frame in 0..10 {
             let time = Some(f64::from(frame));
             let input = RawInput { screen_rect: Some(all), time, ..RawInput::default() };

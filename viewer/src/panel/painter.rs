@@ -1,4 +1,4 @@
-//! What egui has laid out, drawn on a target.
+//! Draws the output of egui on a target.
 
 use egui::{Context, FullOutput};
 use egui_wgpu::{Renderer, RendererOptions, ScreenDescriptor};

@@ -1,14 +1,15 @@
 //! The commands of keys and panel.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use relevo_core::Result;
 use relevo_core::select::Levels;
-use relevo_core::{Error, Result};
 
 use super::Show;
 use crate::camera::{FOV, Mode};
 use crate::gpu::RenderTarget;
+use crate::gpu::target::save_png;
 use crate::input::Command;
 use crate::panel::Change;
 use crate::path::{CameraPath, Key};
@@ -97,7 +98,7 @@ impl Show {
     fn stop_recording(&mut self) {
         let Some((_, mut keys)) = self.recording.take() else { return };
         keys.dedup_by(|b, a| b.time <= a.time);
-        let file = free_name("relevo-path", "json");
+        let file = free_name(Path::new(""), "relevo-path", "json");
         let written = CameraPath::new(FOV, keys).and_then(|path| path.write(&file));
         self.say(match written {
             Ok(()) => format!("camera path: {}", file.display()),
@@ -127,7 +128,7 @@ impl Show {
     }
 
     fn screenshot(&mut self) -> Result<()> {
-        let file = free_name("relevo-picture", "png");
+        let file = free_name(Path::new(""), "relevo-picture", "png");
         let size = self.canvas.size();
         let target = RenderTarget::new(&self.stage.gpu, size, self.canvas.format())?;
         let view = self.view();
@@ -138,19 +139,35 @@ impl Show {
         let levels = self.frozen.as_ref().map(|(_, levels)| levels);
         let drawing = Drawing { view: &view, tolerance: self.drawn_tolerance, look: self.look, levels };
         self.stage.draw(&chosen, &drawing, target.view(), size)?;
-        let saved = target.save(&self.stage.gpu, &file);
-        self.say(match saved {
+        // A device that is gone ends the program; a file that cannot be written does not.
+        let pixels = target.read(&self.stage.gpu)?;
+        self.say(match save_png(&file, size, &pixels, false) {
             Ok(()) => format!("picture: {}", file.display()),
-            Err(error @ Error::Io { .. }) => format!("no picture: {error}"),
-            Err(error) => return Err(error),
+            Err(error) => format!("no picture: {error}"),
         });
         Ok(())
     }
 }
 
-/// The first name with a number that no file has.
-fn free_name(stem: &str, extension: &str) -> PathBuf {
-    let names = (1..10_000).map(|number| PathBuf::from(format!("{stem}-{number:03}.{extension}")));
-    let mut free = names.filter(|name| !name.exists());
-    free.next().unwrap_or_else(|| PathBuf::from(format!("{stem}.{extension}")))
+/// Returns the first path with a number that neither a file nor a link has.
+fn free_name(folder: &Path, stem: &str, extension: &str) -> PathBuf {
+    let names = (1..10_000).map(|number| folder.join(format!("{stem}-{number:03}.{extension}")));
+    let mut free = names.filter(|name| name.symlink_metadata().is_err());
+    free.next().unwrap_or_else(|| folder.join(format!("{stem}.{extension}")))
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_free_name_is_neither_a_file_nor_a_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |number: u32| folder.path().join(format!("a-{number:03}.png"));
+        std::fs::write(at(1), "").unwrap();
+        std::os::unix::fs::symlink("a-001.png", at(2)).unwrap();
+        std::os::unix::fs::symlink("nowhere", at(3)).unwrap();
+        assert_eq!(free_name(folder.path(), "a", "png"), at(4));
+        assert_eq!(free_name(Path::new(""), "a", "png"), Path::new("a-001.png"));
+    }
 }

@@ -50,7 +50,7 @@ fn the_device_finds_the_levels_of_the_cpu() {
     assert!(unlike * 1000 <= all, "{unlike} of {all} levels are not the exact ones");
 }
 
-/// Levels that are given are drawn, and told.
+/// Levels that are given are drawn, and are returned.
 #[test]
 fn given_levels_are_used() {
     let gpu = gpu();

@@ -257,7 +257,7 @@ impl<'a> Shot<'a> {
         if let Ok(folder) = std::env::var("RELEVO_TEST_PICTURES") {
             let name = std::thread::current().name().unwrap_or("picture").replace("::", "-");
             let path = std::path::Path::new(&folder).join(format!("{name}.png"));
-            target.save(gpu, &path).expect("written");
+            target.save(gpu, &path, true).expect("written");
         }
         target.read(gpu).expect("read back")
     }

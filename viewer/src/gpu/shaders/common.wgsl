@@ -11,7 +11,7 @@ struct Frame {
     range: vec4<f32>,     // lowest tint, greatest
     sizes: vec4<u32>,     // T, p, patches on a side, rule (0 shared, 1 paper)
     counts: vec4<u32>,    // tiles, draws, edge numbers, buckets
-    atlas: vec4<u32>,     // tiles on a side of a layer of heights, images likewise, texels of an image
+    atlas: vec4<u32>,     // tiles on a side of a layer of heights, the same for images, texels of an image
     look: vec4<u32>,      // paint, 1 borders | 2 the target is not sRGB
 }
 
