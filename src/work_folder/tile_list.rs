@@ -3,9 +3,9 @@
 //! A row is appended with every tile. The list is read back when a build is resumed or a piece is
 //! merged. It is not part of the container format.
 
+use crate::TileId;
 use crate::container::directory::{ChunkPlace, TileEntry};
 use crate::error::{Error, Result};
-use crate::tile::TileId;
 
 /// Bytes of what a row says.
 const SAYS: usize = 55;
