@@ -316,7 +316,9 @@ fn options_of_one_mode_are_refused_in_the_other() {
 fn what_is_there_is_replaced_only_with_a_word() {
     let (folder, file) = rmnp();
     let at = |name: &str| folder.path().join(name);
-    ["frames", "later"].iter().for_each(|name| fs::create_dir(at(name)).expect("folder"));
+    for name in ["frames", "later"] {
+        fs::create_dir(at(name)).expect("folder");
+    }
     for name in ["shot.png", "figures.csv", "frames/000000.png", "later/000002.png"] {
         fs::write(at(name), "precious").expect("write");
     }
