@@ -195,14 +195,18 @@ fn a_click_in_the_panel_acts_while_it_is_open() {
     display.xdotool(&["windowfocus", "--sync", &display.window().expect("a window")]);
     // Wide and high enough for all switches.
     display.xdotool(&["windowsize", "--sync", &display.window().expect("a window"), "700", "560"]);
+    let panel = || display.filled(480..680, 10..360);
+    wait("the panel", || panel() > 0.4);
     let freeze =
         || display.xdotool(&["mousemove", "473", "317", "sleep", "0.5", "click", "1", "sleep", "0.5"]);
     display.key("Tab");
+    wait("a closed panel", || panel() < 0.05);
     freeze();
     display.key("minus");
     wait("a smaller tolerance in the title", || display.title().contains("of 0.80 px"));
     assert!(!display.title().contains("frozen"), "a closed panel acts: {}", display.title());
     display.key("Tab");
+    wait("an open panel", || panel() > 0.4);
     freeze();
     wait("a frozen selection", || display.title().contains("frozen"));
     display.key("l");

@@ -96,7 +96,11 @@ impl Show {
     }
 
     fn stop_recording(&mut self) {
-        let Some((_, mut keys)) = self.recording.take() else { return };
+        // With the motion since the last frame, so that the path ends where the camera is now.
+        self.drive(0.0);
+        let pose = self.rig.pose(self.stage.scene.frame());
+        let Some((begun, mut keys)) = self.recording.take() else { return };
+        keys.push(Key { time: begun.elapsed().as_secs_f64(), pose });
         keys.dedup_by(|b, a| b.time <= a.time);
         let file = free_name(Path::new(""), "relevo-path", "json");
         let written = CameraPath::new(FOV, keys).and_then(|path| path.write(&file));
