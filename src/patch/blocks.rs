@@ -1,8 +1,10 @@
-//! Minimum, maximum and occupancy of the full-resolution surface over square blocks, handed up the pyramid.
+//! Minimum, maximum and occupancy of the full-resolution surface over square blocks, handed up the
+//! pyramid.
 //!
-//! A block is closed: its border samples count. At a leaf a block is one interval; a parent's block is the union of 2 x 2
-//! blocks of its children, so that every tile has T x T blocks of one interval of its own. Where a block is mixed, the extremes
-//! also take in the midpoints of edges between a valid and a void sample: there the surface ends.
+//! A block is closed: its border samples count. At a leaf a block is one interval; a parent's block
+//! is the union of 2 x 2 blocks of its children, so that every tile has T x T blocks of one
+//! interval of its own. Where a block is mixed, the extremes also take in the midpoints of edges
+//! between a valid and a void sample: there the surface ends.
 
 use crate::patch::TileGeometry;
 use crate::sample::state;
@@ -13,22 +15,24 @@ use crate::simd::{self, Kernel};
 pub const HAS_VALID: u8 = 1;
 /// Bit of [`Blocks::state`]: some sample of the block is void.
 pub const HAS_VOID: u8 = 2;
+/// Both bits of [`Blocks::state`]: an outline runs through the block.
+pub const MIXED: u8 = HAS_VALID | HAS_VOID;
 
-/// `n x n` blocks, row by row. Extremes are codes of [`extreme_coding`], rounded outward; a block without valid samples has
-/// `min > max`.
+/// The minimum, maximum and occupancy of `n x n` blocks, row by row. Extremes are codes of
+/// [`extreme_coding`], rounded outward; a block without valid samples has `min > max`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Blocks {
     /// Blocks on a side.
     pub n: usize,
-    /// Lowest.
+    /// Lowest code of each block.
     pub min: Vec<i32>,
-    /// Highest.
+    /// Highest code of each block.
     pub max: Vec<i32>,
-    /// Occupancy bits.
+    /// Occupancy bits of each block.
     pub state: Vec<u8>,
 }
 
-/// The coding that extremes are kept in: that of the samples, but float64 as float32 rounded outward.
+/// The coding of extremes: that of the samples, but float32, rounded outward, for float64.
 pub fn extreme_coding(coding: Coding) -> Coding {
     if coding == Coding::Float64 { Coding::Float32 } else { coding }
 }
@@ -42,16 +46,17 @@ impl Blocks {
         refill(&mut self.state, n * n, HAS_VOID);
     }
 
-    /// Of a leaf tile: the occupancy of its unit cells, row by row, and the blocks of two intervals that its parent takes over.
+    /// The occupancy of the unit cells of a leaf tile, row by row, and its blocks of two intervals.
     #[cfg(test)]
     pub fn of_leaf(lattice: &Lattice, coding: Coding, geometry: &TileGeometry) -> (Vec<u8>, Self) {
         let mut blocks = Self::default();
         (blocks.set_leaf(lattice, coding, geometry), blocks)
     }
 
-    /// Becomes the blocks of two intervals of a leaf tile, which its parent takes over; gives the occupancy of the unit cells, row by row.
+    /// Becomes the blocks of two intervals of a leaf tile, which its parent takes over. Returns the
+    /// occupancy of the unit cells, row by row.
     ///
-    /// The extremes of the unit cells themselves are of use to nobody.
+    /// The extremes of the unit cells themselves are not needed.
     pub fn set_leaf(&mut self, lattice: &Lattice, coding: Coding, geometry: &TileGeometry) -> Vec<u8> {
         let n = lattice.n;
         let unit = match coding {
@@ -62,14 +67,15 @@ impl Blocks {
             _ => simd::run(LeafBlocks { low: &lattice.code, high: &lattice.code, lattice, out: self }),
         };
         for (y, row) in unit.chunks_exact(n).enumerate() {
-            state::each_place(row, HAS_VALID | HAS_VOID, |x| {
+            state::each_place(row, MIXED, |x| {
                 self.add_middles(y / 2 * self.n + x / 2, (x, y), lattice, coding, geometry);
             });
         }
         unit
     }
 
-    /// Takes in the midpoints of the edges between a valid and a void sample of a unit cell.
+    /// Extends the extremes of block `at` by the midpoints of the edges between a valid and a void
+    /// sample of a unit cell.
     fn add_middles(
         &mut self,
         at: usize,
@@ -80,7 +86,8 @@ impl Blocks {
     ) {
         let corners =
             [lattice.at(x, y), lattice.at(x + 1, y), lattice.at(x, y + 1), lattice.at(x + 1, y + 1)];
-        // A middle is between its ends, and what is valid is within the extremes: most often the fills are as well.
+        // A midpoint is between its ends, and valid samples are within the extremes. Usually the
+        // fills are too.
         let within = |code: i32| coding != Coding::Float64 && self.min[at] <= code && code <= self.max[at];
         if corners.iter().all(|&i| lattice.state[i] == VALID || within(lattice.code[i])) {
             return;
@@ -96,29 +103,31 @@ impl Blocks {
         }
     }
 
-    /// The same surface in blocks twice as large: what a parent takes over from this tile. Writes over `out`.
+    /// Sets `out` to the same surface in blocks twice as large, which a parent takes over from this
+    /// tile.
     pub fn halve(&self, out: &mut Self) {
         simd::run(Halved { of: self, out });
     }
 
-    /// Puts the halved blocks of the child in quadrant `quadrant` in their place.
-    pub fn place(&mut self, quarter: &Self, quadrant: u8) {
-        let half = quarter.n;
+    /// Copies the halved blocks of the child in quadrant `quadrant` to their place.
+    pub fn place(&mut self, child: &Self, quadrant: u8) {
+        let half = child.n;
         let (x0, y0) = (usize::from(quadrant & 1) * half, usize::from(quadrant >> 1) * half);
         for y in 0..half {
             let (from, to) = (y * half, (y0 + y) * self.n + x0);
-            self.min[to..to + half].copy_from_slice(&quarter.min[from..from + half]);
-            self.max[to..to + half].copy_from_slice(&quarter.max[from..from + half]);
-            self.state[to..to + half].copy_from_slice(&quarter.state[from..from + half]);
+            self.min[to..to + half].copy_from_slice(&child.min[from..from + half]);
+            self.max[to..to + half].copy_from_slice(&child.max[from..from + half]);
+            self.state[to..to + half].copy_from_slice(&child.state[from..from + half]);
         }
     }
 }
 
-/// Which patches of `patch` blocks on a side have a valid sample in or below them, row by row; `state` is that of `n x n` blocks.
+/// For each patch of `patch` blocks on a side, row by row: true if it has a valid sample in or
+/// below it. `state` is that of `n x n` blocks.
 pub fn occupied(state: &[u8], n: usize, patch: usize) -> Vec<bool> {
     let side = n / patch;
     let mut out = Vec::with_capacity(side * side);
-    // Rows of a patch are joined first: these are long enough for vectors.
+    // The rows of a patch are joined first: rows are long enough for vectors.
     let mut joined = vec![0; n];
     for rows in state.chunks_exact(n * patch) {
         joined.fill(0);
@@ -144,7 +153,7 @@ fn middle(lattice: &Lattice, coding: Coding, a: usize, b: usize) -> (i32, i32) {
     (code_from_f32(down), code_from_f32(up))
 }
 
-/// Extremes of every sample of a float64 lattice: the lower ones (`side` 0) or the higher ones (1).
+/// The samples of a float64 lattice rounded to float32, down (`side` 0) or up (1).
 fn outward(lattice: &Lattice, side: usize) -> Vec<i32> {
     let sample = |at: usize| {
         let (low, high) = middle(lattice, Coding::Float64, at, at);
@@ -153,7 +162,8 @@ fn outward(lattice: &Lattice, side: usize) -> Vec<i32> {
     (0..lattice.code.len()).map(sample).collect()
 }
 
-/// Extremes over the valid samples of blocks of two intervals, and the occupancy of the unit cells.
+/// Kernel: the extremes over the valid samples of blocks of two intervals, and the occupancy of the
+/// unit cells.
 struct LeafBlocks<'a> {
     low: &'a [i32],
     high: &'a [i32],
@@ -173,7 +183,7 @@ impl Kernel for LeafBlocks<'_> {
             extremes.clear();
             extremes.reserve_exact(n / 2 * (n / 2));
         }
-        // Of the columns of three rows, or two: extremes, and bits.
+        // For each column: the extremes of three rows, and the bits of two.
         let (mut low, mut high, mut bits) = (vec![0; n + 1], vec![0; n + 1], vec![0; n + 1]);
         let mut joined = vec![0; n];
         for y in (0..n).step_by(2) {
@@ -200,13 +210,14 @@ impl Kernel for LeafBlocks<'_> {
             add_threes(&mut min, &low, &mut joined, i32::min);
             add_threes(&mut max, &high, &mut joined, i32::max);
         }
-        quartered(&unit, n, |a, b| a | b, &mut state);
+        join_four(&unit, n, |a, b| a | b, &mut state);
         *self.out = Blocks { n: n / 2, min, max, state };
         unit
     }
 }
 
-/// Adds the extremes of columns `2 i`, `2 i + 1` and `2 i + 2`, by way of those of neighbours in `joined`.
+/// Appends the extreme of columns `2 i`, `2 i + 1` and `2 i + 2` for each `i`; `joined` is scratch
+/// memory.
 #[inline(always)]
 fn add_threes(
     out: &mut Vec<i32>,
@@ -220,7 +231,8 @@ fn add_threes(
     out.extend(joined.chunks_exact(2).map(|pair| extreme(pair[0], pair[1])));
 }
 
-/// For every column the extreme of the valid samples of three rows; `none` where there are none.
+/// Sets `out`, for every column, to the extreme of the valid samples of three rows; `none` if there
+/// are none.
 #[inline(always)]
 fn column_extremes(
     out: &mut [i32],
@@ -244,13 +256,13 @@ fn column_extremes(
     }
 }
 
-/// The bit of a sample.
+/// The occupancy bit of a sample.
 #[inline(always)]
 fn bit(state: u8) -> u8 {
     if state == VALID { HAS_VALID } else { HAS_VOID }
 }
 
-/// Blocks twice as large.
+/// Kernel: [`Blocks::halve`].
 struct Halved<'a> {
     of: &'a Blocks,
     out: &'a mut Blocks,
@@ -263,15 +275,15 @@ impl Kernel for Halved<'_> {
     fn run(self) {
         let Self { of: Blocks { n, min, max, state }, out } = self;
         out.n = n / 2;
-        quartered(min, *n, i32::min, &mut out.min);
-        quartered(max, *n, i32::max, &mut out.max);
-        quartered(state, *n, |a, b| a | b, &mut out.state);
+        join_four(min, *n, i32::min, &mut out.min);
+        join_four(max, *n, i32::max, &mut out.max);
+        join_four(state, *n, |a, b| a | b, &mut out.state);
     }
 }
 
-/// Every 2 x 2 of a square `n` wide made one.
+/// Sets `out` to the elements of a square of side `n`, joined two by two.
 #[inline(always)]
-fn quartered<T: Copy + Default>(square: &[T], n: usize, join: impl Fn(T, T) -> T + Copy, out: &mut Vec<T>) {
+fn join_four<T: Copy + Default>(square: &[T], n: usize, join: impl Fn(T, T) -> T + Copy, out: &mut Vec<T>) {
     out.clear();
     out.reserve_exact(n / 2 * (n / 2));
     let mut joined = vec![T::default(); n];
@@ -284,7 +296,8 @@ fn quartered<T: Copy + Default>(square: &[T], n: usize, join: impl Fn(T, T) -> T
     }
 }
 
-/// Occupancy of blocks twice as large, as [`Blocks::state`]; `n` is the number of blocks on a side before.
+/// Occupancy of blocks twice as large, as [`Blocks::state`]; `n` is the number of blocks on a side
+/// before.
 pub fn reduce_state(state: &[u8], n: usize) -> Vec<u8> {
     simd::run(Reduced { state, n })
 }
@@ -300,7 +313,7 @@ impl Kernel for Reduced<'_> {
     #[inline(always)]
     fn run(self) -> Vec<u8> {
         let mut out = Vec::new();
-        quartered(self.state, self.n, |a, b| a | b, &mut out);
+        join_four(self.state, self.n, |a, b| a | b, &mut out);
         out
     }
 }

@@ -1,6 +1,21 @@
-//! One cell of a spacing as drawn: two triangles, their planes, and what of a fine triangle is shown on both surfaces.
+//! One cell of a spacing as drawn: its two triangles, their planes, and the part of a fine triangle
+//! that both surfaces show.
+//!
+//! ```text
+//! falling         rising          a falling cell of spacing 2s and its four cells of spacing s:
+//!
+//! a-------b       a-------b       +-------+       +---+---+
+//! | \   0 |       | 0   / |       | \     |       | \ | / |
+//! |   \   |       |   /   |       |   \   |       +---+---+
+//! | 1   \ |       | /   1 |       |     \ |       | / | \ |
+//! c-------d       c-------d       +-------+       +---+---+
+//! ```
+//!
+//! a, b, c and d are corners 0 to 3, and 0 and 1 the triangles. Cells are falling where column + row
+//! is even, so the diagonals alternate, and every drawn triangle is a union of finer ones.
 
-/// A linear function over a cell: `at + dx * x + dy * y`, `x`, `y` in fine intervals from the cell's north-west corner.
+/// A linear function over a cell: `at + dx * x + dy * y`, `x`, `y` in fine intervals from the
+/// cell's north-west corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
     at: f64,
@@ -23,18 +38,20 @@ impl Plane {
     }
 }
 
-/// Cell of `s` fine intervals, with a linear function on each of its two triangles.
+/// A cell of `s` fine intervals, drawn as two triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cell {
     /// Intervals on a side.
     pub s: usize,
-    /// Diagonal from north-west to south-east; else from north-east to south-west.
+    /// True if the diagonal runs from north-west to south-east, false if from north-east to
+    /// south-west.
     pub falling: bool,
 }
 
 impl Cell {
-    /// The planes of the two triangles through the corner values (north-west, north-east, south-west, south-east): first the one that holds
-    /// the north-east corner (falling) or the north-west one (rising).
+    /// The planes of the two triangles through the corner values (north-west, north-east,
+    /// south-west, south-east): first the one that holds the north-east corner (falling) or the
+    /// north-west one (rising).
     ///
     /// The scale is a power of two, and multiplying by it is exact.
     pub fn planes(self, [a, b, c, d]: [f64; 4]) -> [Plane; 2] {
@@ -52,14 +69,14 @@ impl Cell {
         }
     }
 
-    /// Which triangle holds the point.
+    /// Index of the triangle that holds a point.
     #[inline]
     pub fn triangle(self, x: f64, y: f64) -> usize {
         let first = if self.falling { x >= y } else { x + y <= self.s as f64 };
         usize::from(!first)
     }
 
-    /// Indices into the corners of the three of triangle 0 or 1.
+    /// Indices of the three corners of triangle 0 or 1.
     pub fn corners(self, triangle: usize) -> [usize; 3] {
         match (self.falling, triangle) {
             (true, 0) => [0, 1, 3],
@@ -70,7 +87,7 @@ impl Cell {
     }
 }
 
-/// A vertex of a fine triangle: validity on the fine surface, on the drawn one, and the difference of their heights.
+/// A vertex of a fine triangle: its validity on both surfaces, and the difference of their heights.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Vertex {
     /// Validity at full resolution.
@@ -81,8 +98,9 @@ pub struct Vertex {
     pub difference: f64,
 }
 
-/// Largest absolute difference over the part of a triangle where both surfaces are shown (validity at least 1/2); 0 if
-/// there is no such part. All three attributes are linear, so it lies at a corner of the clipped polygon.
+/// Largest absolute difference over the part of a triangle where both surfaces are shown (validity
+/// at least 1/2); 0 if there is no such part. All three attributes are linear, so it lies at a
+/// corner of the clipped polygon.
 pub fn shown_difference(triangle: [Vertex; 3]) -> f64 {
     let mut polygon = [Vertex::default(); 8];
     polygon[..3].copy_from_slice(&triangle);
@@ -91,7 +109,7 @@ pub fn shown_difference(triangle: [Vertex; 3]) -> f64 {
     polygon[..count].iter().fold(0.0, |worst: f64, v| worst.max(v.difference.abs()))
 }
 
-/// Part of a convex polygon where `keep` is not negative.
+/// The part of a convex polygon where `keep` is not negative.
 fn clip(polygon: &[Vertex; 8], count: usize, keep: impl Fn(&Vertex) -> f64) -> ([Vertex; 8], usize) {
     let mut out = [Vertex::default(); 8];
     let mut kept = 0;

@@ -1,15 +1,17 @@
-//! Cells with voids, fine triangle by fine triangle: the parts of each that both surfaces show.
+//! Errors of cells with voids, fine triangle by fine triangle: each is clipped to the part that
+//! both surfaces show.
 
+use crate::patch::blocked::PlacedCell;
 use crate::patch::blocks::{HAS_VALID, HAS_VOID};
 use crate::patch::cell::{Cell, Plane, Vertex, shown_difference};
-use crate::patch::holed::Holed;
+use crate::patch::cells_with_voids::CellsWithVoids;
 use crate::patch::number::Number;
-use crate::patch::squares::Place;
 use crate::sample::VALID;
 
-impl<N: Number> Holed<'_, N> {
-    /// Largest `|z - D|` under a drawn triangle where both surfaces are shown; `planes` are its cell's.
-    pub fn clipped_triangle(&self, place: Place, triangle: usize, planes: &[[Plane; 2]; 2]) -> f64 {
+impl<N: Number> CellsWithVoids<'_, N> {
+    /// Largest `|z - D|` under a drawn triangle where both surfaces are shown; `planes` are those
+    /// of its cell.
+    pub fn clipped_triangle(&self, place: PlacedCell, triangle: usize, planes: &[[Plane; 2]; 2]) -> f64 {
         let cell = place.cell;
         let corners = self.corners(place);
         if cell.corners(triangle).iter().all(|&i| self.state[corners[i]] != VALID) {
@@ -28,8 +30,8 @@ impl<N: Number> Holed<'_, N> {
         worst
     }
 
-    /// Valid samples under one drawn triangle, where it is shown.
-    fn valid_samples(&self, place: Place, triangle: usize, (height, validity): (Plane, Plane)) -> f64 {
+    /// Largest `|z - D|` at the valid samples under one drawn triangle, where it is shown.
+    fn valid_samples(&self, place: PlacedCell, triangle: usize, (height, validity): (Plane, Plane)) -> f64 {
         let s = place.cell.s;
         let mut worst = 0.0_f64;
         for y in 0..=s {
@@ -50,10 +52,11 @@ impl<N: Number> Holed<'_, N> {
         worst
     }
 
-    /// The two fine triangles of unit cell `(x, y)` of a cell, as far as they lie in `triangle`.
+    /// Largest `|z - D|` of the fine triangles of unit cell `(x, y)` that lie in `triangle`, where
+    /// both surfaces are shown.
     fn unit_cell(
         &self,
-        place: Place,
+        place: PlacedCell,
         (x, y): (usize, usize),
         triangle: usize,
         (height, validity): (Plane, Plane),
@@ -92,7 +95,8 @@ fn cell_columns(cell: Cell, triangle: usize, y: usize) -> std::ops::Range<usize>
     }
 }
 
-/// True if an outline may run through a unit cell and something of it is shown: elsewhere its samples say it all.
+/// True if an outline may run through a unit cell and a part of the cell is shown. Elsewhere its
+/// samples are enough.
 fn crossed(validity: Plane, x: usize, y: usize, bits: u8) -> bool {
     let (low, high) = validity.range(x as f64, y as f64);
     high >= 0.5 && (low < 0.5 || bits & HAS_VOID != 0)

@@ -1,8 +1,9 @@
-//! Vertical error above the leaves: block extremes against the drawn planes.
+//! Vertical error above the leaves: the extremes of blocks against the drawn planes.
 //!
-//! Every tile has the minimum and maximum of the full-resolution surface over blocks of one of its own intervals. The drawn
-//! surface is linear over a block, or linear on both sides of a diagonal of the block, so its extremes are at the
-//! block's corners, and the deviation inside is at most the larger of `max - min D` and `max D - min`.
+//! Every tile has the minimum and maximum of the full-resolution surface over blocks of one of its
+//! intervals. The drawn surface is linear over a block, or linear on both sides of a diagonal of
+//! the block, so its extremes are at the block's corners, and the deviation inside is at most the
+//! larger of `max - min D` and `max D - min`.
 
 use crate::patch::TileGeometry;
 use crate::patch::blocks::{Blocks, extreme_coding};
@@ -11,8 +12,8 @@ use crate::sample::{Coding, Lattice, VALID, VOID};
 
 /// Vertical error in metres of every patch drawn as one cell, patches row by row.
 ///
-/// f64 is exact for integer codes (33 bits and a division by a power of two), and off by a few units in the last place
-/// for floats, which a slack covers.
+/// f64 is exact for integer codes (33 bits and a division by a power of two). For floats it rounds
+/// by a few units in the last place, which a slack covers.
 pub fn coarsest_step(
     lattice: &Lattice,
     blocks: &Blocks,
@@ -110,7 +111,7 @@ fn patch_error(
     worst + heights.iter().fold(worst, |a, h| a.max(h.abs())) * (0.5_f64).powi(49)
 }
 
-/// True if no point of block `x` between two rows of corners is shown.
+/// True if no point of block `x` between the two rows of corners is shown.
 fn hidden(rows: &Rows, x: usize) -> bool {
     [rows.north_valid[x], rows.north_valid[x + 1], rows.south_valid[x], rows.south_valid[x + 1]]
         .iter()

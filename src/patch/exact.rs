@@ -1,24 +1,25 @@
 //! Vertical error of the cells inside a leaf tile, exact: every sample against the drawn planes.
 //!
-//! Drawn triangles are unions of fine ones (the alternating diagonals nest), so the difference of the surfaces is linear
-//! on each fine triangle and largest at a vertex of the part that is shown. Without voids these are the samples
-//! (`comb`, `squares`); with voids also the points where an outline crosses an edge (`holed`).
+//! Drawn triangles are unions of fine ones (the alternating diagonals nest), so the difference of
+//! the surfaces is linear on each fine triangle and largest at a vertex of the part that is shown.
+//! Without voids these are the samples (`small_cells`, `blocked`); with voids also the points where
+//! an outline crosses an edge (`cells_with_voids`).
 
-use crate::patch::blocks::{HAS_VALID, HAS_VOID, reduce_state};
+use crate::patch::blocked::{Blocked, PlacedCell};
+use crate::patch::blocks::{HAS_VALID, HAS_VOID, MIXED, reduce_state};
 use crate::patch::cell::Cell;
-use crate::patch::comb::{Comb, SmallCells, TEETH};
+use crate::patch::cells_with_voids::CellsWithVoids;
+use crate::patch::drawn_surface::SIDE;
 use crate::patch::heights::Heights;
-use crate::patch::holed::{Holed, MIXED};
 use crate::patch::number::Number;
-use crate::patch::squares::{Place, Squares};
-use crate::patch::sums::SIDE;
+use crate::patch::small_cells::{MeasureSmallCells, STRIDE, SmallCells};
 use crate::patch::{TileGeometry, make_monotone};
 use crate::sample::state;
 use crate::sample::{Coding, Lattice};
 use crate::simd;
 
-/// Vertical errors in metres of all cells of 1, 2, 4 .. T intervals of a leaf tile of at least 16: `[step][patch]` up to the patch size,
-/// then one square of cells for each larger size.
+/// Vertical errors in metres of all cells of 1, 2, 4 .. T intervals of a leaf tile of at least 16
+/// intervals: `[step][patch]` up to the patch size, then one square of cells for each larger size.
 pub fn leaf(
     lattice: &Lattice,
     coding: Coding,
@@ -30,15 +31,15 @@ pub fn leaf(
     let (state, n) = (&lattice.state, geometry.n);
     let mut steps = match &heights {
         Heights::Short(z) => {
-            let small = simd::run(Comb::<_, _, _, 16> { z, n, lane: |z| z as i16 });
+            let small = simd::run(MeasureSmallCells::<_, _, _, 16> { z, n, lane: |z| z as i16 });
             sizes(Tile::new(z, state, unit, slack, geometry), small)
         }
         Heights::Narrow(z) => {
-            let small = simd::run(Comb::<_, _, _, 8> { z, n, lane: |z| z });
+            let small = simd::run(MeasureSmallCells::<_, _, _, 8> { z, n, lane: |z| z });
             sizes(Tile::new(z, state, unit, slack, geometry), small)
         }
         Heights::Wide(z) | Heights::Small(z) => {
-            let small = simd::run(Comb::<_, _, _, 8> { z, n, lane: |z| z });
+            let small = simd::run(MeasureSmallCells::<_, _, _, 8> { z, n, lane: |z| z });
             sizes(Tile::new(z, state, unit, slack, geometry), small)
         }
     };
@@ -59,11 +60,11 @@ pub fn leaf(
 struct Tile<'a, N> {
     z: &'a [N],
     state: &'a [u8],
-    /// More than rounding can make of a height difference, if sums are not exact.
+    /// More than the rounding of a height difference; 0 if sums are exact.
     margin: f64,
     geometry: &'a TileGeometry,
-    /// What its cells with voids need; `None` if there are no voids.
-    holed: Option<Holed<'a, N>>,
+    /// Its cells with voids; `None` if there are no voids.
+    voids: Option<CellsWithVoids<'a, N>>,
 }
 
 impl<'a, N: Number> Tile<'a, N> {
@@ -71,13 +72,13 @@ impl<'a, N: Number> Tile<'a, N> {
         let n = geometry.n;
         let full = unit.iter().fold(HAS_VALID, |all, bits| all | bits) == HAS_VALID;
         let margin = slack * n as f64;
-        let holed = (!full).then_some(Holed { z, unit, n, margin, state });
-        Self { z, state, margin, geometry, holed }
+        let voids = (!full).then_some(CellsWithVoids { z, unit, n, margin, state });
+        Self { z, state, margin, geometry, voids }
     }
 
-    fn place(&self, s: usize, column: usize, row: usize) -> Place {
+    fn place(&self, s: usize, column: usize, row: usize) -> PlacedCell {
         let cell = Cell { s, falling: self.geometry.falling(s, column, row) };
-        Place { cell, x: column * s, y: row * s }
+        PlacedCell { cell, x: column * s, y: row * s }
     }
 }
 
@@ -108,41 +109,46 @@ fn sizes<N: Number, M: Number>(tile: Tile<'_, N>, mut small: SmallCells<M>) -> V
     let n = geometry.n;
     // Occupancy of the cells of each size, if there are voids.
     let mut states: Vec<Vec<u8>> = Vec::new();
-    if let Some(holed) = &tile.holed {
-        states.push(holed.unit.to_vec());
+    if let Some(voids) = &tile.voids {
+        states.push(voids.unit.to_vec());
         for bits in 0..n.trailing_zeros() {
             states.push(reduce_state(&states[bits as usize], n >> bits));
         }
     }
     let state = |s: usize| states.get(s.trailing_zeros() as usize).map_or(&[][..], Vec::as_slice);
     let lattice = (tile.z, tile.state, n);
-    let mut squares =
-        Squares::new(lattice, 4.0 * tile.margin, small.plain(SIDE, |e| N::narrow(e.wide())), state(SIDE));
+    let mut blocked = Blocked::new(
+        lattice,
+        4.0 * tile.margin,
+        small.row_by_row(SIDE, |e| N::narrow(e.wide())),
+        state(SIDE),
+    );
     let mut errors = vec![vec![0.0; geometry.patches() * geometry.patches()]];
     for s in (1..=n.trailing_zeros()).map(|bits| 1 << bits) {
         let mut grid = Grid::new(s, geometry);
-        if s < TEETH {
-            small_cells(&tile, &mut small, &mut squares, s, state(s), &mut grid);
+        if s < STRIDE {
+            small_cells(&tile, &mut small, &mut blocked, s, state(s), &mut grid);
         } else {
-            large_cells(&tile, &mut squares, s, state(s), &mut grid);
+            large_cells(&tile, &mut blocked, s, state(s), &mut grid);
         }
         errors.push(grid.errors);
     }
     errors
 }
 
-/// Cells that have been measured as if all samples were valid.
+/// Raises `grid` to the errors of the cells of a small size, which `small` has as if all samples
+/// were valid.
 fn small_cells<N: Number, M: Number>(
     tile: &Tile<'_, N>,
     small: &mut SmallCells<M>,
-    squares: &mut Squares<N>,
+    blocked: &mut Blocked<N>,
     s: usize,
     state: &[u8],
     grid: &mut Grid,
 ) {
     let cells = tile.geometry.n / s;
     let scale = 1.0 / s as f64;
-    // Cells with voids are taken out; what was measured bounds what they have.
+    // Cells with voids are measured apart; the error as if all samples were valid bounds theirs.
     let mut apart = Vec::new();
     for (row, state) in state.chunks_exact(cells).enumerate() {
         state::each_other_place(state, HAS_VALID, |column| {
@@ -152,7 +158,7 @@ fn small_cells<N: Number, M: Number>(
             }
         });
     }
-    if tile.geometry.patch < TEETH {
+    if tile.geometry.patch < STRIDE {
         for (row, column) in (0..cells * cells).map(|i| (i / cells, i % cells)) {
             let to = grid.of(column, row);
             *to = to.max(small.of(s, column, row).wide() * scale);
@@ -160,24 +166,24 @@ fn small_cells<N: Number, M: Number>(
     } else {
         let (mut columns, squares) = (Vec::new(), 1 << grid.bits);
         for row in (0..cells).step_by(squares) {
-            small.columns(s, row..row + squares, &mut columns);
-            for (lane, worst) in columns.iter().enumerate().take(tile.geometry.n / TEETH) {
-                let to = grid.of(lane * TEETH / s, row);
+            small.group_maxima(s, row..row + squares, &mut columns);
+            for (lane, worst) in columns.iter().enumerate().take(tile.geometry.n / STRIDE) {
+                let to = grid.of(lane * STRIDE / s, row);
                 *to = to.max(worst.wide() * scale);
             }
         }
     }
-    let Some(holed) = &tile.holed else { return };
+    let Some(voids) = &tile.voids else { return };
     for (column, row, bound) in apart {
         let to = grid.of(column, row);
-        *to = holed.cell(squares, tile.place(s, column, row), bound, *to);
+        *to = voids.error(blocked, tile.place(s, column, row), bound, *to);
     }
 }
 
-/// Cells that are measured one by one.
+/// Raises `grid` to the errors of the cells of a large size, measured one by one.
 fn large_cells<N: Number>(
     tile: &Tile<'_, N>,
-    squares: &mut Squares<N>,
+    blocked: &mut Blocked<N>,
     s: usize,
     state: &[u8],
     grid: &mut Grid,
@@ -186,10 +192,10 @@ fn large_cells<N: Number>(
     for (row, column) in (0..cells * cells).map(|at| (at / cells, at % cells)) {
         let place = tile.place(s, column, row);
         let to = grid.of(column, row);
-        match (&tile.holed, state.get(row * cells + column)) {
+        match (&tile.voids, state.get(row * cells + column)) {
             (_, Some(&HAS_VOID)) => {}
-            (Some(holed), Some(&MIXED)) => *to = holed.cell(squares, place, f64::INFINITY, *to),
-            _ => *to = to.max(squares.whole(place, *to)),
+            (Some(voids), Some(&MIXED)) => *to = voids.error(blocked, place, f64::INFINITY, *to),
+            _ => *to = to.max(blocked.error_full(place, *to)),
         }
     }
 }
@@ -305,7 +311,8 @@ mod tests {
             odd: bool,
             seed: u64,
             holes in prop_oneof![Just(0_u64), 1..8_u64, 40..80_u64],
-            // Bits of the range: up to 16 codes stay 32 bits wide; the rest has another kind of sums.
+            // Bits of the range: up to 16 codes stay 32 bits wide; the rest has another kind of
+            // sums.
             (range, low) in prop_oneof![Just((10, 0)), Just((16, 1 << 20)), Just((20, -(1 << 19))), Just((30, -5))],
         ) {
             let n = 1 << bits;

@@ -1,4 +1,4 @@
-//! Heights of a tile in the numbers that errors are measured in.
+//! The heights of a tile, as the numbers in which errors are measured.
 
 use std::borrow::Cow;
 
@@ -6,19 +6,21 @@ use crate::sample::state;
 use crate::sample::{Coding, Lattice, f32_from_code};
 use crate::simd::{self, Kernel};
 
-/// Heights of a lattice.
+/// The heights of a lattice.
 pub enum Heights<'a> {
-    /// Integer codes, less the lowest one if they are large; their range is small enough for 32-bit arithmetic.
+    /// Integer codes, less the lowest one if they are large; their range is small enough for 32-bit
+    /// arithmetic.
     Narrow(Cow<'a, [i32]>),
-    /// The same, and differences of the smallest cells even fit 16 bits.
+    /// As `Narrow`, and differences of the smallest cells fit 16 bits.
     Short(Cow<'a, [i32]>),
-    /// Codes or values.
+    /// Codes or values in f64.
     Wide(Vec<f64>),
-    /// Values so large that sums of them leave f64: 2^-64 of them.
+    /// Values so large that sums of them would overflow f64, divided by 2^64.
     Small(Vec<f64>),
 }
 
-/// Up to this range no partial sum of `s (z - D)`, `s <= 2^10`, leaves 32 bits: its terms add up to at most 12 s ranges.
+/// Up to this range no partial sum of `s (z - D)`, `s <= 2^10`, leaves 32 bits: its terms add up to
+/// at most 12 s ranges.
 const NARROW_RANGE: i64 = 1 << 17;
 
 /// Up to this range `s (z - D)`, `s <= 8`, fits 16 bits.
@@ -26,10 +28,11 @@ const SHORT_RANGE: i64 = i16::MAX as i64 / 8;
 
 /// Up to this height no sum of `s (z - D)`, `s <= 2^10`, leaves f64.
 const LARGE: f64 = 1e300;
-/// What larger heights are measured in, 2^64: they and their differences stay what they are but for bits that no sum keeps.
+/// The unit in which larger heights are measured, 2^64. The division is exact but for bits that no
+/// sum keeps.
 const LARGE_UNIT: f64 = 18_446_744_073_709_551_616.0;
 
-/// Codes moved into a range, less its lowest.
+/// Kernel: codes clamped to a range, less its lowest code.
 struct Clamped<'a> {
     codes: &'a [i32],
     low: i32,
@@ -46,7 +49,8 @@ impl Kernel for Clamped<'_> {
 }
 
 impl<'a> Heights<'a> {
-    /// Heights of a tile. Void samples without a fill are whatever they are: no shown triangle has them.
+    /// The heights of a tile. Those of void samples without a fill mean nothing: no shown triangle
+    /// has them.
     pub fn new(lattice: &'a Lattice, coding: Coding) -> Self {
         match coding {
             Coding::Integer { .. } => Self::of_codes(lattice),
@@ -85,12 +89,14 @@ impl<'a> Heights<'a> {
         Self::Wide(codes.iter().map(|&c| f64::from(c)).collect())
     }
 
-    /// What rounding in f64 may have lost of a difference, for each interval of the size of its cell: 0 for integers, whose arithmetic
-    /// is exact.
+    /// Largest rounding error of a difference, for each interval of the size of its cell; 0 for
+    /// integers, whose arithmetic is exact.
     ///
-    /// With `u = 2^-53` and heights up to `z`, adding up a surface of `s` intervals loses at most `(5 s^2 + 25 s) u z` where each of its
-    /// three terms has its own sum (down a column, along a row, the bend), and `112 u z` or `256 u z` where the smallest cells, of
-    /// 2 or 4 intervals, go from sample to sample. All this is of `s` times the difference, and so less than the `32 s u z` given here.
+    /// With `u = 2^-53` and heights up to `z`, adding up a surface of `s` intervals loses at most
+    /// `(5 s^2 + 25 s) u z` where each of its three terms has its own sum (down a column, along a
+    /// row, the bend), and `112 u z` or `256 u z` where the smallest cells, of 2 or 4 intervals, go
+    /// from sample to sample. All this is of `s` times the difference, and so less than the
+    /// `32 s u z` given here.
     pub fn slack(&self, coding: Coding) -> f64 {
         match (self, coding) {
             (_, Coding::Integer { .. }) | (Self::Narrow(_) | Self::Short(_), _) => 0.0,
@@ -100,7 +106,7 @@ impl<'a> Heights<'a> {
         }
     }
 
-    /// What errors of these heights are to be multiplied with.
+    /// The unit of these heights: errors are multiplied by it.
     pub fn unit(&self) -> f64 {
         if matches!(self, Self::Small(_)) { LARGE_UNIT } else { 1.0 }
     }

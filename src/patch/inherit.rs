@@ -29,7 +29,7 @@ pub fn leaf_paper(lattice: &Lattice, coding: Coding, geometry: &TileGeometry) ->
     errors
 }
 
-/// Errors of a tile above its children by metric `bound`. A child that does not exist has no part in them.
+/// Errors of a tile above its children by metric `bound`. A missing child does not contribute.
 pub fn parent_bound(
     children: [Option<&Errors>; 4],
     lattice: &Lattice,
@@ -70,22 +70,25 @@ fn finish(mut errors: Errors, vertical: Vec<f64>, horizontal: Vec<f64>) -> Error
     errors
 }
 
-/// `e(parent, k) = max e(child, k + 1)` for the steps below the last; what was measured ahead, side by side.
+/// The errors that a tile takes over from its children: `e(parent, k) = max e(child, k + 1)` for
+/// the steps below the last; of those measured ahead, the squares of the children side by side.
 fn inherited(children: [Option<&Errors>; 4], geometry: &TileGeometry) -> Errors {
     let patches = geometry.patches();
     let steps = |pick: fn(&Errors) -> &Vec<Vec<f64>>| {
         (1..geometry.steps())
-            .map(|k| quarter(&join(children, patches, |e| pick(e).get(k)), 2 * patches))
+            .map(|k| maximum_of_four(&join(children, patches, |e| pick(e).get(k)), 2 * patches))
             .collect::<Vec<_>>()
     };
     let ahead = |pick: fn(&Errors) -> &Vec<Vec<f64>>| {
-        // Leaves may stand at unlike levels: what one child did not measure ahead counts for none.
+        // Leaves may lie at different levels: a size counts only if all children have measured it
+        // ahead.
         let count = children.iter().flatten().map(|e| pick(e).len()).min().unwrap_or(0);
         (0..count)
             .map(|j| join(children, geometry.patches() >> (j + 1), |e| pick(e).get(j)))
             .collect::<Vec<_>>()
     };
-    // A child's first square ahead has cells of twice its own patch: at the parent they are one patch each.
+    // A child's first square ahead has cells of twice its own patch: at the parent they are one
+    // patch each.
     Errors {
         vertical: steps(|e| &e.vertical),
         horizontal: steps(|e| &e.horizontal),
@@ -94,7 +97,7 @@ fn inherited(children: [Option<&Errors>; 4], geometry: &TileGeometry) -> Errors 
     }
 }
 
-/// Squares of `side x side` numbers of four children, side by side; zeros for one that does not exist.
+/// The squares of `side x side` numbers of four children, side by side; zeros for a missing child.
 fn join<'a>(
     children: [Option<&'a Errors>; 4],
     side: usize,
@@ -113,8 +116,8 @@ fn join<'a>(
     out
 }
 
-/// Maximum over 2 x 2 of a square `side` wide.
-fn quarter(square: &[f64], side: usize) -> Vec<f64> {
+/// The maxima of a square of side `side`, taken two by two.
+fn maximum_of_four(square: &[f64], side: usize) -> Vec<f64> {
     let half = side / 2;
     let mut out = Vec::with_capacity(half * half);
     for y in 0..half {

@@ -1,9 +1,9 @@
-//! The kinds of numbers that heights are compared in.
+//! The number types in which heights are compared.
 
-/// Numbers that rows are compared in: `i32` where the range of a tile allows it, `f64` elsewhere; for the smallest cells `i16` where
-/// that is enough.
+/// A number type in which heights are compared: `i32` where the range of a tile allows it, `f64`
+/// elsewhere; for the smallest cells `i16` where that is wide enough.
 pub trait Number: Copy + PartialOrd {
-    /// Nothing.
+    /// Zero.
     const ZERO: Self;
     /// Sum.
     fn plus(self, other: Self) -> Self;
@@ -17,7 +17,7 @@ pub trait Number: Copy + PartialOrd {
     fn whole(number: i32) -> Self;
     /// As f64, which is exact.
     fn wide(self) -> f64;
-    /// Of an f64 that is such a number.
+    /// The number equal to an f64.
     fn narrow(wide: f64) -> Self;
 
     /// Maximum of two.
@@ -27,7 +27,7 @@ pub trait Number: Copy + PartialOrd {
     }
 }
 
-/// Sums wrap: a result is right if it is small enough, whatever its terms are.
+/// Sums wrap: a result that fits 16 bits is right, whatever its terms are.
 impl Number for i16 {
     const ZERO: Self = 0;
 

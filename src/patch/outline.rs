@@ -1,67 +1,77 @@
-//! Horizontal error of patches: how far from the outline of the voids something is shown or hidden wrongly.
+//! Horizontal error of patches: the largest distance from the outline of the voids of a point that
+//! is shown or hidden wrongly.
 //!
-//! At full resolution validity is 1 or 0 at samples and linear in triangles; the outline is where it is 1/2. Drawn at a
-//! coarser spacing the same holds for coarser triangles, and points between the two outlines are misdrawn. The error is
-//! the largest distance of a misdrawn point from the outline at full resolution, as far as it lies within the tile: never
-//! smaller than the distance from the whole outline. A square of cells with valid samples only, or void ones only, is
-//! drawn as it is; any other holds a part of the outline, so the distance is always finite.
+//! At full resolution validity is 1 or 0 at samples and linear in triangles; the outline is where
+//! it is 1/2. Drawn at a coarser spacing, validity is linear in coarser triangles, and points
+//! between the two outlines are misdrawn. The error is the largest distance of a misdrawn point
+//! from the outline at full resolution, as far as it lies within the tile: never smaller than the
+//! distance from the whole outline. A square of cells with valid samples only, or void samples
+//! only, is drawn rightly; any other holds a part of the outline, so the distance is always finite.
 //!
-//! Outlines are short beside a tile, and most of a tile is drawn as it should be. So little is worked out for all samples: how far
-//! the nearest vertex of the outline is in their own column, in vectors (`marks`). The first step comes from a table of patterns
-//! (`patterns`); the others are searches that look closely only at what may be farthest (`search`), and remember what they have
-//! found for the next step.
+//! Outlines are short, and most of a tile is drawn rightly. So only one number is computed for all
+//! samples, in vectors: the distance of the nearest vertex of the outline in the same column
+//! (`distance_transform`). The first step comes from a table of patterns (`patterns`). The others
+//! are searches by branch and bound (`search`), which keep their upper bounds for the next step
+//! (`pyramid`).
 //!
-//! Distances are lengths in a plane in which no line between the rows that it passes is shorter than on the ground ([`Planes`]). On a
-//! geographic raster of large pixels every look has a plane of its own, for the rows of what it looks at: all that is compared are upper
-//! bounds in metres, wherever they come from.
+//! Distances are lengths in a plane that covers some rows, in which no line between these rows is
+//! shorter than on the ground ([`Planes`]). On a geographic raster of large pixels each evaluation
+//! has its own plane, for its rows; upper bounds in metres can be compared whatever their planes.
 //!
-//! Not here: errors of children. The caller takes the maximum with them.
+//! The errors of children are not in the result: the caller takes the maximum with them.
 
 mod above_cell;
-mod features;
+mod bound;
+mod distance_transform;
+mod grid;
 mod leaf_cell;
-mod marks;
 mod patterns;
+mod pyramid;
 mod search;
 mod shape;
 #[cfg(test)]
 mod tests;
+mod validity;
 
 use std::cell::Cell as ThreadCell;
 
 use crate::geo::{Planes, Scale};
+use crate::patch::blocks::MIXED;
 use crate::simd;
 use above_cell::AboveCells;
-use features::{AllAlike, CellBits, Validity};
-use leaf_cell::{Grid, LeafCells, is_long};
-use marks::Marks;
+use distance_transform::DistanceTransform;
+use grid::{Grid, is_long};
+use leaf_cell::LeafCells;
 use patterns::Patterns;
-use search::{Drawing, MIXED, Pyramid};
-use shape::{Segments, Somewheres};
+use pyramid::Pyramid;
+use search::{Drawing, farthest};
+use shape::{Segments, UncertainPoints};
+use validity::{AllAlike, CellBits, Validity};
 
 /// Horizontal errors of a leaf tile, metres.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LeafOutline {
-    /// For each step `k = 0..=p`, the patches row by row, drawn at spacing `2^k`. Step 0 is all 0, and no step is smaller
-    /// than a finer one.
+    /// For each step `k = 0..=p`, the patches row by row, drawn at spacing `2^k`. Step 0 is all 0,
+    /// and no error is smaller than at a finer step.
     pub steps: Vec<Vec<f64>>,
-    /// For each spacing `s = 2P, 4P, .., n`, the `(n / s)^2` cells of that size row by row; no smaller than what is in them.
+    /// For each spacing `s = 2P, 4P, .., n`, the `(n / s)^2` cells of that size row by row; no
+    /// error is smaller than those inside the cell.
     pub ahead: Vec<Vec<f64>>,
 }
 
-/// Intervals of a tile up to which a thread keeps its buffers from tile to tile.
+/// Most intervals of a tile with which a thread keeps its scratch memory from tile to tile.
 const KEPT_INTERVALS: usize = 512;
 
-/// Buffers of one thread.
+/// Scratch memory of one thread.
 #[derive(Default)]
 struct Scratch {
     /// 1 where a sample is valid, `(n + 1)^2`.
     valid: Vec<u8>,
-    marks: [Marks; 2],
+    transforms: [DistanceTransform; 2],
     pyramid: Pyramid,
     patterns: Patterns,
     segments: Segments,
-    places: Somewheres,
+    points: UncertainPoints,
     planes: Planes,
     near: Vec<(usize, usize)>,
 }
@@ -70,7 +80,7 @@ thread_local! {
     static SCRATCH: ThreadCell<Option<Box<Scratch>>> = const { ThreadCell::new(None) };
 }
 
-/// Does something with the buffers of this thread.
+/// Runs `work` with the scratch memory of this thread.
 fn with_scratch<T>(n: usize, work: impl FnOnce(&mut Scratch) -> T) -> T {
     let mut scratch = SCRATCH.take().unwrap_or_default();
     let result = work(&mut scratch);
@@ -82,9 +92,9 @@ fn with_scratch<T>(n: usize, work: impl FnOnce(&mut Scratch) -> T) -> T {
 
 /// Errors of a tile whose samples are the full resolution.
 ///
-/// `state` holds `(n + 1)^2` samples; `n` and `patch` are powers of two, `2 <= patch <= n <= 2048`, `4 <= n`. `parity`
-/// is the parity of tile x + y: it decides the diagonal of the one cell of spacing `n`. A tile without a void or
-/// without a valid sample costs one look at its samples.
+/// `state` holds `(n + 1)^2` samples; `n` and `patch` are powers of two, `2 <= patch <= n <= 2048`,
+/// `4 <= n`. `parity` is the parity of tile x + y: it decides the diagonal of the one cell of
+/// spacing `n`. A tile without a void, or without a valid sample, costs one pass over its samples.
 pub fn leaf(state: &[u8], n: usize, patch: usize, parity: bool, scale: &Scale) -> LeafOutline {
     debug_assert!(
         n.is_power_of_two() && patch.is_power_of_two() && patch <= n && state.len() == (n + 1) * (n + 1)
@@ -109,22 +119,24 @@ fn leaf_errors(
     scale: &Scale,
     errors: &mut LeafOutline,
 ) {
-    let Scratch { valid, marks: [marks, _], pyramid, patterns, segments, planes, near, .. } = scratch;
+    let Scratch { valid, transforms: [transform, _], pyramid, patterns, segments, planes, near, .. } =
+        scratch;
     planes.start(scale, n);
     simd::run(Validity { state, valid });
-    marks.outline(valid, n);
+    transform.of_outline(valid, n);
     simd::run(CellBits { valid, n, bits: pyramid.start(n) });
     pyramid.build();
     let grid = Grid { valid, n };
     patterns.start(planes);
-    // In a long cell the nearest piece of the outline is seldom the one within the square.
+    // In a long cell the nearest piece of the outline is seldom inside the square.
     let first = if planes.is_even() && !is_long(planes.whole()) { 2 } else { 1 };
     if first == 2 {
         drawn_twice_as_wide(grid, pyramid.bits(1), planes, (patterns, segments), &mut errors.steps);
     }
-    let mut cells = LeafCells { grid, planes, marks, patterns, segments, near };
+    let mut cells = LeafCells { grid, planes, transform, patterns, segments, near };
     let (top, p) = (n.ilog2() as usize, errors.steps.len() - 1);
-    // Squared until all are there: each starts from the next finer one, since errors grow with the spacing.
+    // Squared until all are known: each search starts from the next finer error, since errors grow
+    // with the spacing.
     for level in first..=top {
         let root = level.max(p);
         let drawing = Drawing { valid, level, flip: parity && level == top };
@@ -135,10 +147,10 @@ fn leaf_errors(
                 errors.steps[level - 1][square]
             } else {
                 let finer = if level == p + 1 { &errors.steps[p] } else { &errors.ahead[level - p - 2] };
-                let quarter = |q: usize| finer[(2 * at.1 + q / 2) * 2 * side + 2 * at.0 + q % 2];
-                (0..4).map(quarter).fold(0.0, f64::max)
+                let child = |q: usize| finer[(2 * at.1 + q / 2) * 2 * side + 2 * at.0 + q % 2];
+                (0..4).map(child).fold(0.0, f64::max)
             };
-            let farthest = pyramid.farthest(&drawing, root, at, finer, &mut cells);
+            let farthest = farthest(pyramid, &drawing, root, at, finer, &mut cells);
             if level <= p {
                 errors.steps[level][square] = farthest;
             } else {
@@ -151,7 +163,8 @@ fn leaf_errors(
     }
 }
 
-/// Errors of spacing 2, squared: the first step, of squares of 2 x 2 cells that hold `bits`.
+/// Sets the errors of spacing 2, squared: the first step. `bits` are those of the squares of 2 x 2
+/// cells.
 fn drawn_twice_as_wide(
     grid: Grid,
     bits: &[u8],
@@ -180,17 +193,20 @@ fn metres(squared: f64) -> f64 {
     squared.sqrt() * (1.0 + 1e-9)
 }
 
-/// What spacing `patch` adds to the errors of the patches of a tile above the leaves, row by row.
+/// The errors that spacing `patch` adds for the patches of a tile above the leaves, row by row,
+/// metres.
 ///
-/// **To be joined with the errors of spacing `patch / 2` by maximum**: a point that is misdrawn there already is in
-/// them, so only points are looked at whose drawing the last halving of the detail has changed.
+/// **Take the maximum with the errors of spacing `patch / 2`**: they cover the points that are
+/// misdrawn there already. So only points are evaluated whose state differs between the two
+/// spacings.
 ///
-/// `state` holds its own `(n + 1)^2` samples. `block` says of each of the `n x n` closed blocks (one interval of this
-/// level) what the full resolution has in it: bit 0 a valid sample, bit 1 a void one. `scale` is of this level's
-/// intervals. `parity` as for [`leaf`]; it matters if there is one patch only. `4 <= patch`.
+/// `state` holds its own `(n + 1)^2` samples. `block` has the bits of each of the `n x n` closed
+/// blocks (one interval of this level) at full resolution: bit 0 for a valid sample, bit 1 for a
+/// void one. `scale` is of this level's intervals. `parity` is as for [`leaf`]; it is used only if
+/// there is one patch. `4 <= patch`.
 ///
-/// A block with both holds a point of the outline, somewhere; so does any path from a valid sample to a void one.
-/// Hence the error is too large by about a block's diagonal at most.
+/// A block with both bits holds a point of the outline; so does any path from a valid sample to a
+/// void one. Hence the error is too large by at most about a block's diagonal.
 pub fn above(state: &[u8], block: &[u8], n: usize, patch: usize, parity: bool, scale: &Scale) -> Vec<f64> {
     debug_assert!(state.len() == (n + 1) * (n + 1) && block.len() == n * n && patch >= 4);
     let side = n / patch;
@@ -200,12 +216,12 @@ pub fn above(state: &[u8], block: &[u8], n: usize, patch: usize, parity: bool, s
         return errors;
     }
     with_scratch(n, |scratch| {
-        let Scratch { valid, marks: [void, nearest_valid], pyramid, places, planes, .. } = scratch;
+        let Scratch { valid, transforms: [void, nearest_valid], pyramid, points, planes, .. } = scratch;
         planes.start(scale, n);
         simd::run(Validity { state, valid });
         let is_mixed: Vec<u8> = block.iter().map(|&bits| u8::from(bits & MIXED == MIXED)).collect();
-        void.places(valid, &is_mixed, n, false);
-        nearest_valid.places(valid, &is_mixed, n, true);
+        void.of_kind(valid, &is_mixed, n, false);
+        nearest_valid.of_kind(valid, &is_mixed, n, true);
         pyramid.start(n).copy_from_slice(block);
         pyramid.build();
         let level = patch.ilog2() as usize;
@@ -218,10 +234,10 @@ pub fn above(state: &[u8], block: &[u8], n: usize, patch: usize, parity: bool, s
             void,
             valid: nearest_valid,
             planes,
-            places,
+            points,
         };
         for (i, error) in errors.iter_mut().enumerate() {
-            *error = metres(pyramid.farthest(&drawing, level, (i % side, i / side), 0.0, &mut cells));
+            *error = metres(farthest(pyramid, &drawing, level, (i % side, i / side), 0.0, &mut cells));
         }
     });
     errors

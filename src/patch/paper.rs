@@ -1,13 +1,16 @@
-//! Metric `paper`: one-step errors of the dropped vertices (dissertation 000, sections 3.1 and 4.1; paper 001, equation 5 and table 1).
+//! Metric `paper`: one-step errors of the dropped vertices (dissertation 000, sections 3.1 and 4.1;
+//! paper 001, equation 5 and table 1).
 //!
-//! Going from spacing s/2 to s drops the vertices that are not on the coarser lattice. Each was the midpoint C of an edge AB: horizontal,
-//! vertical, or, for the centre of a cell, both diagonals. `Ev = |z_C - (z_A + z_B) / 2|`; `Eh` from the void table. The
-//! maximum over a patch is its error; it is not a bound of the deviation.
+//! Going from spacing s/2 to s drops the vertices that are not on the coarser lattice. Each was the
+//! midpoint C of an edge AB: horizontal, vertical, or, for the centre of a cell, both diagonals.
+//! `Ev = |z_C - (z_A + z_B) / 2|`; `Eh` from the void table. The maximum over a patch is its error;
+//! it is not a bound of the deviation.
 
 use crate::patch::TileGeometry;
 use crate::sample::{Coding, Lattice, VALID};
 
-/// One-step errors in metres of every patch for spacing `s`, patches row by row: vertical, horizontal.
+/// One-step errors in metres of every patch for spacing `s`, patches row by row: vertical,
+/// horizontal.
 pub fn one_step(
     lattice: &Lattice,
     coding: Coding,
@@ -34,7 +37,8 @@ pub fn one_step(
     (vertical, horizontal)
 }
 
-/// Calls `edge(C, A, B)` for every vertex dropped between spacings s/2 and s in a patch, border included.
+/// Calls `edge(C, A, B)` for every vertex dropped between spacings s/2 and s in a patch, border
+/// included.
 fn dropped(patch: usize, s: usize, mut edge: impl FnMut((usize, usize), (usize, usize), (usize, usize))) {
     let h = s / 2;
     for y in (0..=patch).step_by(h) {
@@ -52,7 +56,7 @@ fn dropped(patch: usize, s: usize, mut edge: impl FnMut((usize, usize), (usize, 
     }
 }
 
-/// Errors of dropping C between A and B: vertical in height numbers, horizontal in metres.
+/// The errors of dropping C between A and B: vertical in the unit of heights, horizontal in metres.
 fn edge_error(
     lattice: &Lattice,
     coding: Coding,
@@ -71,7 +75,7 @@ fn edge_error(
     let vertical = (height(c) - 0.5 * (height(a) + height(b))).abs();
     let across = to.0.abs_diff(from.0) as f64 * geometry.spacing.dx;
     let down = to.1.abs_diff(from.1) as f64 * geometry.spacing.dy;
-    // hsize: metres from A to C.
+    // `hsize` of the papers: metres from A to C.
     let hsize = 0.5 * across.hypot(down);
     let horizontal = match valid {
         [true, true, true] | [false, false, false] => 0.0,

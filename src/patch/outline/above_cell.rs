@@ -1,16 +1,20 @@
-//! A look into one block of a tile above the leaves: its misdrawn points, and what is near it.
+//! The evaluation of one block of a tile above the leaves: its misdrawn points, and the points of
+//! the outline near it.
 
-use super::leaf_cell::{around, beside, farthest_corner, is_long, more_halvings, rows_to};
-use super::marks::{HalfPoint, Marks};
-use super::search::{Bound, Ceilings, Cells, Corners, HAS_VALID, HAS_VOID};
-use super::shape::{Farthest, Fault, Polygon, Somewhere, Somewheres, triangles};
+use super::bound::{Bound, UpperBounds};
+use super::distance_transform::{DistanceTransform, HalfPoint};
+use super::grid::{beside, is_long, more_halvings};
+use super::leaf_cell::{around, farthest_corner, rows_to};
+use super::search::Cells;
+use super::shape::{Corners, Farthest, Fault, Polygon, UncertainPoint, UncertainPoints, triangles};
 use crate::geo::{Plane, Planes};
+use crate::patch::blocks::{HAS_VALID, HAS_VOID};
 use crate::simd;
 
-/// Halvings of a triangle of a block: what the block hides is larger.
+/// Most halvings of a triangle of a square block: the uncertainty within the block is larger.
 const ABOVE_HALVINGS: u32 = 2;
 
-/// True if a mark of a tile above the leaves stands for a block, not for a sample.
+/// True if a feature of a tile above the leaves is a block, not a sample.
 fn is_block([x, y]: HalfPoint) -> bool {
     x % 2 == 1 && y % 2 == 1
 }
@@ -24,12 +28,14 @@ pub(super) struct AboveCells<'a> {
     pub(super) n: usize,
     /// The next finer spacing.
     pub(super) finer: usize,
-    /// What is known to hold something void: a valid point is no farther from the outline.
-    pub(super) void: &'a Marks,
-    /// What is known to hold something valid.
-    pub(super) valid: &'a Marks,
+    /// Distances to void samples and to blocks with void samples: a valid point is no farther from
+    /// the outline.
+    pub(super) void: &'a DistanceTransform,
+    /// Distances to valid samples and to blocks with valid samples: a void point is no farther from
+    /// the outline.
+    pub(super) valid: &'a DistanceTransform,
     pub(super) planes: &'a Planes,
-    pub(super) places: &'a mut Somewheres,
+    pub(super) points: &'a mut UncertainPoints,
 }
 
 impl AboveCells<'_> {
@@ -48,45 +54,47 @@ impl AboveCells<'_> {
         }
     }
 
-    /// Collects what is near a block, of the kind that its misdrawn points are not. Gives the plane that it is in.
+    /// Collects the samples and blocks near a block that have the kind which its misdrawn points
+    /// lack. Returns their plane.
     fn collect(&mut self, (x, y): (usize, usize), fault: Fault) -> Plane {
-        let (marks, kind) =
+        let (transform, kind) =
             if fault == Fault::Shown { (self.valid, HAS_VALID) } else { (self.void, HAS_VOID) };
         let own = self.planes.over(y, y + 1);
         let (mut near, mut count, mut rows) = ([[0; 2]; 5], 0, (y, y + 1));
-        let mut reach = |first: usize, last: usize| rows = (rows.0.min(first), rows.1.max(last));
-        around(marks, own, (x, y), |mark| {
-            let (first, last) = rows_to(mark[1], 0, y, i32::from(is_block(mark)));
-            reach(first, last);
-            near[count] = mark;
+        let mut include = |first: usize, last: usize| rows = (rows.0.min(first), rows.1.max(last));
+        around(transform, own, (x, y), |feature| {
+            let (first, last) = rows_to(feature[1], 0, y, i32::from(is_block(feature)));
+            include(first, last);
+            near[count] = feature;
             count += 1;
         });
         let (is_across, sides) = self.facing((x, y), kind, own);
         if !is_across {
-            sides.into_iter().flatten().for_each(|row| reach(row, row));
+            sides.into_iter().flatten().for_each(|row| include(row, row));
         }
         let plane = self.planes.over(rows.0, rows.1);
-        self.places.clear();
-        for &mark in &near[..count] {
-            let away = |mark: i16, block: usize| 0.5 * f64::from(mark) - block as f64;
-            let centre = plane.at(away(mark[0], x), away(mark[1], y));
-            self.places.push(if is_block(mark) {
-                Somewhere::block(centre, plane)
+        self.points.clear();
+        for &feature in &near[..count] {
+            let away = |feature: i16, block: usize| 0.5 * f64::from(feature) - block as f64;
+            let centre = plane.at(away(feature[0], x), away(feature[1], y));
+            self.points.push(if is_block(feature) {
+                UncertainPoint::block(centre, plane)
             } else {
-                Somewhere::point(centre)
+                UncertainPoint::point(centre)
             });
         }
         for side in sides.into_iter().flatten() {
             let away = side as f64 - if is_across { x as f64 } else { y as f64 };
             let ends =
                 [0.0, 1.0].map(|end| if is_across { plane.at(away, end) } else { plane.at(end, away) });
-            self.places.push(Somewhere::segment(ends[0], ends[1]));
+            self.points.push(UncertainPoint::segment(ends[0], ends[1]));
         }
         plane
     }
 
-    /// The sides of the nearest blocks of one kind alone that face a long block, across its narrow side (true: columns, else rows): there
-    /// its corners are far.
+    /// The sides that face a long block of the nearest blocks of one kind only, across its narrow
+    /// side, where its own corners are far away. True if the sides are columns, false if they are
+    /// rows.
     fn facing(&self, (x, y): (usize, usize), kind: u8, plane: Plane) -> (bool, [Option<usize>; 2]) {
         if !is_long(plane) {
             return (true, [None; 2]);
@@ -105,23 +113,23 @@ impl AboveCells<'_> {
 }
 
 impl Cells for AboveCells<'_> {
-    fn reach(&mut self, level: usize, at: (usize, usize), _: u8) -> [f64; 2] {
+    fn upper_bound(&mut self, level: usize, at: (usize, usize), _: u8) -> [f64; 2] {
         let centre = [(2 * at.0 + 1) << level, (2 * at.1 + 1) << level];
         let own = self.planes.over(at.1 << level, (at.1 + 1) << level);
-        let reach = |mark: HalfPoint| {
-            let extent = i32::from(is_block(mark));
-            let (first, last) = rows_to(mark[1], level, at.1, extent);
-            farthest_corner(mark, level, at, self.planes.over(first, last), extent)
+        let upper_bound = |feature: HalfPoint| {
+            let extent = i32::from(is_block(feature));
+            let (first, last) = rows_to(feature[1], level, at.1, extent);
+            farthest_corner(feature, level, at, self.planes.over(first, last), extent)
         };
-        [self.valid, self.void].map(|marks| marks.nearest(centre, own).map_or(0.0, reach))
+        [self.valid, self.void].map(|transform| transform.nearest(centre, own).map_or(0.0, upper_bound))
     }
 
-    fn look(
+    fn evaluate(
         &mut self,
         (x, y): (usize, usize),
         drawn: Corners,
         faults: [bool; 2],
-        _: &mut Ceilings,
+        _: &mut UpperBounds,
         bound: &mut Bound,
     ) {
         let at = |sample| self.drawn_finer(sample);
@@ -140,9 +148,9 @@ impl Cells for AboveCells<'_> {
                 if plane != own {
                     parts = [misdrawn(first, plane), misdrawn(second, plane)];
                 }
-                let things = &mut *self.places;
+                let sites = &mut *self.points;
                 let halvings = ABOVE_HALVINGS + more_halvings(plane);
-                simd::run(Farthest { polygons: &parts, things, halvings, bound });
+                simd::run(Farthest { polygons: &parts, sites, halvings, bound });
             }
         }
     }

@@ -1,74 +1,46 @@
-//! A look into one cell of a leaf tile: its misdrawn points, and the pieces of the outline near it.
+//! The evaluation of one cell of a leaf tile: its misdrawn points, and the pieces of the outline
+//! near it.
 
-use super::marks::{HalfPoint, Marks};
+use super::bound::{Bound, UpperBounds};
+use super::distance_transform::{DistanceTransform, HalfPoint};
+use super::grid::{Grid, beside, halvings, is_mixed};
 use super::patterns::Patterns;
-use super::search::{Bound, Ceilings, Cells, Corners, MIXED};
-use super::shape::{Farthest, Fault, Polygon, Segment, Segments, triangles};
+use super::search::Cells;
+use super::shape::{Corners, Farthest, Fault, Segments};
 use crate::geo::{Plane, Planes};
+use crate::patch::blocks::MIXED;
 use crate::simd;
 
-/// Halvings of a triangle of a square leaf cell: its sides shrink to 1/32.
-const LEAF_HALVINGS: u32 = 10;
-/// Times that one side of a cell may be as long as the other is wide before more cells than those beside it are looked at.
-const LONG: f64 = 2.0;
-/// Cells to either side that are looked at, at most.
-const MOST_BESIDE: f64 = 64.0;
-
-/// How often a triangle of a leaf cell may be halved.
-pub(super) fn halvings(plane: Plane) -> u32 {
-    LEAF_HALVINGS + more_halvings(plane)
-}
-
-/// How much more often a triangle of a long cell may be halved.
-pub(super) fn more_halvings(plane: Plane) -> u32 {
-    let (across, down) = beside(plane);
-    across.max(down).next_power_of_two().ilog2()
-}
-
-/// How many cells to either side, across and down, are looked at: the next, and where cells are narrow those that are nearer than a
-/// cell is long.
-pub(super) fn beside(plane: Plane) -> (usize, usize) {
-    let (across, down) = elongation(plane);
-    let count = |long: f64| if long > LONG { long.min(MOST_BESIDE).ceil() as usize } else { 1 };
-    (count(across), count(down))
-}
-
-/// True if cells are much longer than they are wide.
-pub(super) fn is_long(plane: Plane) -> bool {
-    let (across, down) = elongation(plane);
-    across.max(down) > LONG
-}
-
-/// How many cells across, and how many down, are as wide as the longer side of a cell is long.
-fn elongation(plane: Plane) -> (f64, f64) {
-    let row = plane.row();
-    let long = plane.dx.max(row);
-    (long * row / (plane.dx * plane.dy), long / plane.dy)
-}
-
-/// The marks nearest to the corners and to the centre of cell `(x, y)` in a plane, each once.
-pub(super) fn around(marks: &Marks, plane: Plane, (x, y): (usize, usize), mut take: impl FnMut(HalfPoint)) {
+/// Calls `take` with the features nearest to the corners and to the centre of cell `(x, y)` in a
+/// plane, each once.
+pub(super) fn around(
+    transform: &DistanceTransform,
+    plane: Plane,
+    (x, y): (usize, usize),
+    mut take: impl FnMut(HalfPoint),
+) {
     let mut seen = [[-1; 2]; 5];
     for (count, (i, j)) in [(1, 1), (0, 0), (2, 0), (0, 2), (2, 2)].into_iter().enumerate() {
-        let Some(mark) = marks.nearest([2 * x + i, 2 * y + j], plane) else { return };
-        if !seen.contains(&mark) {
-            seen[count] = mark;
-            take(mark);
+        let Some(feature) = transform.nearest([2 * x + i, 2 * y + j], plane) else { return };
+        if !seen.contains(&feature) {
+            seen[count] = feature;
+            take(feature);
         }
     }
 }
 
-/// Squared distance from a mark to the farthest corner of square `(x, y)` of `2^level` cells, whose centre is nearer to
-/// the mark than to the others. The mark may be anywhere within `extent` half intervals of its place.
+/// Squared distance from a feature to the farthest corner of square `(x, y)` of `2^level` cells, to
+/// whose centre it is the nearest feature. It may lie anywhere within `extent` half intervals of
+/// its place.
 pub(super) fn farthest_corner(
-    [mark_x, mark_y]: HalfPoint,
+    [feature_x, feature_y]: HalfPoint,
     level: usize,
     (x, y): (usize, usize),
     plane: Plane,
     extent: i32,
 ) -> f64 {
-    let away = |mark: i16, place: usize| i32::from(mark) - ((2 * place as i32 + 1) << level);
-    let (across, down, size) = (away(mark_x, x), away(mark_y, y), (1 << level) + extent);
+    let away = |feature: i16, place: usize| i32::from(feature) - ((2 * place as i32 + 1) << level);
+    let (across, down, size) = (away(feature_x, x), away(feature_y, y), (1 << level) + extent);
     let half = |intervals: i32| 0.5 * f64::from(intervals);
     if plane.skew == 0.0 {
         return plane.squared(half(across.abs() + size), half(down.abs() + size));
@@ -78,92 +50,28 @@ pub(super) fn farthest_corner(
     corners.into_iter().map(squared).fold(0.0, f64::max)
 }
 
-/// Rows of samples that a square of `2^level` cells and a mark that is `extent` half intervals tall are in.
-pub(super) fn rows_to(mark_y: i16, level: usize, y: usize, extent: i32) -> (usize, usize) {
-    let (north, south) = (i32::from(mark_y) - extent, i32::from(mark_y) + extent);
+/// First and last row of samples around a square of `2^level` cells in row `y` and a feature that
+/// may lie `extent` half intervals away from its place.
+pub(super) fn rows_to(feature_y: i16, level: usize, y: usize, extent: i32) -> (usize, usize) {
+    let (north, south) = (i32::from(feature_y) - extent, i32::from(feature_y) + extent);
     let (north, south) = (north.max(0) as usize / 2, (south.max(0) as usize).div_ceil(2));
     (north.min(y << level), south.max((y + 1) << level))
-}
-
-/// True if not all corners are alike.
-fn is_mixed(full: [u8; 4]) -> bool {
-    full != [0; 4] && full != [1; 4]
-}
-
-/// A lattice of samples at full resolution, and its outline.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Grid<'a> {
-    /// 1 for each of `(n + 1)^2` samples that is valid.
-    pub(super) valid: &'a [u8],
-    pub(super) n: usize,
-}
-
-impl Grid<'_> {
-    /// Validity at the corners of a cell.
-    pub(super) fn full(self, x: usize, y: usize) -> [u8; 4] {
-        let i = y * (self.n + 1) + x;
-        let (north, south) = (&self.valid[i..i + 2], &self.valid[i + self.n + 1..i + self.n + 3]);
-        [north[0], north[1], south[0], south[1]]
-    }
-
-    /// The parts of the two triangles of a cell that are misdrawn by a fault, where validity as drawn is `drawn` at its corners.
-    pub(super) fn misdrawn(
-        self,
-        (x, y): (usize, usize),
-        drawn: Corners,
-        fault: Fault,
-        plane: Plane,
-    ) -> [Option<Polygon>; 2] {
-        let full = self.full(x, y).map(f64::from);
-        triangles((x + y).is_multiple_of(2))
-            .map(|triangle| Polygon::misdrawn(triangle, plane, full, drawn, fault))
-    }
-
-    /// Adds the pieces of the outline in cell `(x, y)`, as seen from the corner of cell `from` in a plane.
-    pub(super) fn push_segments(
-        self,
-        segments: &mut Segments,
-        from: (usize, usize),
-        (x, y): (usize, usize),
-        plane: Plane,
-    ) {
-        let full = self.full(x, y);
-        if !is_mixed(full) {
-            return;
-        }
-        for [a, b, c] in triangles((x + y) % 2 == 0) {
-            // The outline runs between the midpoints of the sides that meet at the odd one out.
-            let [odd, u, v] = match (full[a] == full[b], full[b] == full[c]) {
-                (true, true) => continue,
-                (true, false) => [c, a, b],
-                (false, true) => [a, b, c],
-                (false, false) => [b, a, c],
-            };
-            let midpoint = |other: usize| {
-                let away = |cell: usize, from: usize, corners: usize| {
-                    cell as f64 - from as f64 + 0.5 * corners as f64
-                };
-                plane.at(away(x, from.0, odd % 2 + other % 2), away(y, from.1, odd / 2 + other / 2))
-            };
-            segments.push(Segment::new(midpoint(u), midpoint(v)));
-        }
-    }
 }
 
 /// Cells of a leaf tile.
 pub(super) struct LeafCells<'a> {
     pub(super) grid: Grid<'a>,
     pub(super) planes: &'a Planes,
-    /// Vertices of the outline.
-    pub(super) marks: &'a Marks,
+    /// Distances to the vertices of the outline.
+    pub(super) transform: &'a DistanceTransform,
     pub(super) patterns: &'a mut Patterns,
     pub(super) segments: &'a mut Segments,
-    /// Room for the cells near one.
+    /// Scratch memory: the cells near one.
     pub(super) near: &'a mut Vec<(usize, usize)>,
 }
 
 impl LeafCells<'_> {
-    /// Collects the pieces of the outline near a cell. Gives the plane that they are in.
+    /// Collects the pieces of the outline near a cell. Returns their plane.
     fn collect(&mut self, at: (usize, usize)) -> Plane {
         self.near.clear();
         let own = self.planes.over(at.1, at.1 + 1);
@@ -181,7 +89,7 @@ impl LeafCells<'_> {
         plane
     }
 
-    /// Adds the cells beside one.
+    /// Adds the cells beside one to `near`.
     fn beside(&mut self, at: (usize, usize), plane: Plane) {
         let last = self.grid.n - 1;
         let (across, down) = beside(plane);
@@ -194,10 +102,11 @@ impl LeafCells<'_> {
         }
     }
 
-    /// Adds the cells of the vertices nearest to the corners and to the centre of one: five at most, each of up to four cells.
+    /// Adds to `near` the cells at the vertices of the outline that are nearest to the corners and
+    /// the centre of a cell: at most five vertices, each of up to four cells.
     fn around(&mut self, at: (usize, usize), plane: Plane) {
         let n = self.grid.n;
-        around(self.marks, plane, at, |[fx, fy]| {
+        around(self.transform, plane, at, |[fx, fy]| {
             // A vertex on a side belongs to the cells on both sides of it.
             let cells = |feature: i16| {
                 let feature = feature as usize;
@@ -216,7 +125,7 @@ impl LeafCells<'_> {
 }
 
 impl Cells for LeafCells<'_> {
-    fn reach(&mut self, level: usize, at: (usize, usize), bits: u8) -> [f64; 2] {
+    fn upper_bound(&mut self, level: usize, at: (usize, usize), bits: u8) -> [f64; 2] {
         let (first, last) = (at.1 << level, (at.1 + 1) << level);
         let plane = self.planes.over(first, last);
         if bits == MIXED {
@@ -231,22 +140,22 @@ impl Cells for LeafCells<'_> {
             };
         }
         let centre = [(2 * at.0 + 1) << level, (2 * at.1 + 1) << level];
-        let Some(mark) = self.marks.nearest(centre, plane) else { return [0.0; 2] };
-        let (first, last) = rows_to(mark[1], level, at.1, 0);
-        [farthest_corner(mark, level, at, self.planes.over(first, last), 0); 2]
+        let Some(feature) = self.transform.nearest(centre, plane) else { return [0.0; 2] };
+        let (first, last) = rows_to(feature[1], level, at.1, 0);
+        [farthest_corner(feature, level, at, self.planes.over(first, last), 0); 2]
     }
 
-    fn look(
+    fn evaluate(
         &mut self,
         at: (usize, usize),
         drawn: Corners,
         faults: [bool; 2],
-        ceilings: &mut Ceilings,
+        upper_bounds: &mut UpperBounds,
         bound: &mut Bound,
     ) {
         let mut collected = None;
         for fault in [Fault::Shown, Fault::Hidden] {
-            if !faults[fault as usize] || bound.settles(ceilings.of(fault as usize)) {
+            if !faults[fault as usize] || bound.prunes(upper_bounds.of(fault as usize)) {
                 continue;
             }
             // Whether there is such a part does not depend on the plane.
@@ -257,12 +166,12 @@ impl Cells for LeafCells<'_> {
             }
             let plane = *collected.get_or_insert_with(|| self.collect(at));
             let parts = if plane == own { parts } else { self.grid.misdrawn(at, drawn, fault, plane) };
-            let mut part = bound.part();
-            let things = &mut *self.segments;
-            simd::run(Farthest { polygons: &parts, things, halvings: halvings(plane), bound: &mut part });
-            let top = bound.join(part);
+            let mut branch = bound.branch();
+            let sites = &mut *self.segments;
+            simd::run(Farthest { polygons: &parts, sites, halvings: halvings(plane), bound: &mut branch });
+            let upper = bound.merge(branch);
             if drawn.iter().all(|&value| fault.concerns(value)) {
-                ceilings.lower(fault as usize, top);
+                upper_bounds.lower(fault as usize, upper);
             }
         }
     }

@@ -1,51 +1,55 @@
-//! What the samples of a cell, or of a square of 2 x 2 cells, say of the distance of its points from the outline, without those
-//! around it.
+//! Upper bounds of the distance from the outline of the points of a cell, or of a square of 2 x 2
+//! cells, from its own samples alone.
 //!
-//! A bound: the outline elsewhere may be nearer. Most squares that are drawn at twice the spacing have the nearest piece of the
-//! outline within, and voids have the same few patterns over and over, so each is looked into once for many tiles.
+//! They are bounds because the outline elsewhere may be nearer. Most squares that are drawn at
+//! twice the spacing have the nearest piece of the outline inside, and voids have the same few
+//! patterns over and over, so each pattern is measured once for many tiles.
 
-use super::leaf_cell::{Grid, halvings};
-use super::search::{Bound, Corners, drawn, quarters, shares};
-use super::shape::{Farthest, Fault, Segments};
+use super::bound::Bound;
+use super::grid::{Grid, halvings};
+use super::search::{as_validity, child_corners, drawn_sample};
+use super::shape::{Corners, Farthest, Fault, Segments};
 use crate::geo::{Plane, Planes};
 use crate::simd;
 
-/// Patterns of the nine samples of a square.
+/// Number of patterns of the nine samples of a square.
 const SQUARES: usize = 1 << 9;
-/// Patterns of the four samples of a cell, with either diagonal.
+/// Number of patterns of the four samples of a cell, with either diagonal.
 const CELLS: usize = 1 << 5;
-/// The cells of a square, as quarters of it.
-const QUARTERS: [(usize, usize); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
-/// Bits of the ratio of a cell's sides that are not looked at: those below 1 / 128.
+/// The cells of a square.
+const CELLS_OF_SQUARE: [(usize, usize); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
+/// Bits of the ratio of a cell's sides that are dropped: those below 1 / 128.
 const RATIO_BITS: u32 = 45;
-/// The same in a tile whose rows have ratios of their own: those below 1 / 16.
+/// Bits that are dropped in a tile whose rows have different ratios: those below 1 / 16.
 const RATIO_BITS_UNEVEN: u32 = 48;
-/// Shapes of cells that are kept.
+/// Most shapes of cells that are kept.
 const SHAPES: usize = 32;
-/// Points that a square may have misdrawn: all that are void, all that are valid; those of one drawn cell with either diagonal.
+/// Ways in which a square may be misdrawn: at all void points, at all valid points, and at those
+/// where it differs from one drawn cell, with either diagonal.
 const WAYS: usize = 4;
-/// What has not been looked into.
+/// The value of a pattern that has not been measured.
 const UNKNOWN: f64 = -1.0;
 /// Both faults.
 const BOTH: [Fault; 2] = [Fault::Shown, Fault::Hidden];
 
-/// Largest squared distances of points from the outline, by patterns, in cells of a few shapes.
+/// Largest squared distances of misdrawn points from the outline, by pattern, for cells of a few
+/// shapes.
 #[derive(Debug, Default)]
 pub(super) struct Patterns {
     shapes: Vec<Shape>,
-    /// Which of them was asked last.
+    /// Index of the shape that was used last.
     last: usize,
     ratio_bits: u32,
 }
 
 /// Distances in cells of one shape; a side of a cell is 1 interval.
 ///
-/// The ratio to the other side is rounded up by little, so that it is the same for many rows of tiles: distances in longer cells are no
-/// smaller. (Sheared ones are taken as they are.)
+/// The ratio to the other side is rounded up a little, so that many rows of tiles have the same:
+/// distances in longer cells are no smaller. (Sheared cells are not rounded.)
 #[derive(Debug)]
 struct Shape {
     plane: Plane,
-    /// For each pattern, for each of the ways.
+    /// For each pattern, for each way.
     squares: Vec<[f64; WAYS]>,
     /// For each pattern, for each fault.
     cells: Vec<[f64; 2]>,
@@ -79,7 +83,7 @@ impl Patterns {
         &mut self.shapes[self.last]
     }
 
-    /// Makes the shape of a plane the last one.
+    /// Finds or adds the shape of a plane, and makes it the last one used.
     #[inline(never)]
     fn find(&mut self, plane: Plane) {
         let place = self.shapes.iter().position(|shape| shape.plane == plane);
@@ -92,7 +96,8 @@ impl Patterns {
         });
     }
 
-    /// For each fault, the bound of all points of a cell of a plane that it is possible at; square metres.
+    /// For each fault, the upper bound of all points of a cell at which it is possible; square
+    /// metres.
     pub(super) fn cell(
         &mut self,
         grid: Grid,
@@ -117,7 +122,8 @@ impl Patterns {
         shape.cells[pattern].map(|squared| squared * plane.dx * plane.dx)
     }
 
-    /// For each fault, the bound of all points of the square of 2 x 2 cells at `(2x, 2y)` that it is possible at; square metres.
+    /// For each fault, the upper bound of all points of the square of 2 x 2 cells at `(2x, 2y)` at
+    /// which it is possible; square metres.
     pub(super) fn square(
         &mut self,
         grid: Grid,
@@ -130,7 +136,8 @@ impl Patterns {
         of.map(|squared| squared * plane.dx * plane.dx)
     }
 
-    /// The bound of the misdrawn points of the square at `(2x, 2y)`, drawn as one cell; square metres.
+    /// The upper bound of the misdrawn points of the square at `(2x, 2y)`, drawn as one cell;
+    /// square metres.
     pub(super) fn drawn(
         &mut self,
         grid: Grid,
@@ -144,28 +151,29 @@ impl Patterns {
 }
 
 impl Shape {
-    /// One of the ways of a pattern.
+    /// The value of a pattern for a way; measured if it is not known.
     #[inline]
     fn of_square(&mut self, pattern: usize, way: usize, segments: &mut Segments) -> f64 {
         if self.squares[pattern][way] == UNKNOWN {
-            self.squares[pattern][way] = self.look_into(pattern, way, segments);
+            self.squares[pattern][way] = self.measure(pattern, way, segments);
         }
         self.squares[pattern][way]
     }
 
-    /// What [`Shape::of_square`] remembers.
+    /// Measures the value of [`Shape::of_square`].
     #[cold]
-    fn look_into(&self, pattern: usize, way: usize, segments: &mut Segments) -> f64 {
+    fn measure(&self, pattern: usize, way: usize, segments: &mut Segments) -> f64 {
         let samples: [u8; 9] = std::array::from_fn(|i| (pattern >> i & 1) as u8);
         if let Some(&fault) = BOTH.get(way) {
-            return self.farthest(&samples, &QUARTERS, &[fault], |_| all_of(fault), segments);
+            return self.farthest(&samples, &CELLS_OF_SQUARE, &[fault], |_| all_of(fault), segments);
         }
-        let corners = [0, 2, 6, 8].map(|i| drawn(samples[i]));
-        let drawn = quarters(corners, way == 2).map(shares);
-        self.farthest(&samples, &QUARTERS, &BOTH, |quarter| drawn[quarter], segments)
+        let corners = [0, 2, 6, 8].map(|i| drawn_sample(samples[i]));
+        let drawn = child_corners(corners, way == 2).map(as_validity);
+        self.farthest(&samples, &CELLS_OF_SQUARE, &BOTH, |cell| drawn[cell], segments)
     }
 
-    /// The largest squared distance of the points of some cells of a square that are misdrawn by some faults.
+    /// The largest squared distance of the points of some cells of a square at which they are
+    /// misdrawn by some faults.
     fn farthest(
         &self,
         samples: &[u8; 9],
@@ -176,27 +184,27 @@ impl Shape {
     ) -> f64 {
         let grid = Grid { valid: samples, n: 2 };
         let mut bound = Bound::default();
-        for (quarter, &at) in cells.iter().enumerate() {
+        for (index, &at) in cells.iter().enumerate() {
             segments.clear();
             for &cell in cells {
                 grid.push_segments(segments, at, cell, self.plane);
             }
             for &fault in faults {
-                let polygons = grid.misdrawn(at, drawn(quarter), fault, self.plane);
-                let things = &mut *segments;
+                let polygons = grid.misdrawn(at, drawn(index), fault, self.plane);
+                let sites = &mut *segments;
                 simd::run(Farthest {
                     polygons: &polygons,
-                    things,
+                    sites,
                     halvings: halvings(self.plane),
                     bound: &mut bound,
                 });
             }
         }
-        bound.top()
+        bound.upper()
     }
 }
 
-/// How the corners of a cell are drawn if all points are that a fault is possible at.
+/// Drawn corners with which all points of a cell at which a fault is possible are misdrawn.
 fn all_of(fault: Fault) -> Corners {
     [if fault == Fault::Shown { 1.0 } else { 0.0 }; 4]
 }

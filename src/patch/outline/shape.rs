@@ -1,30 +1,35 @@
 //! The misdrawn part of a triangle, and how far it lies from the outline.
 //!
-//! Lengths are metres from the north-west corner of the cell in question. The distance to a convex thing is convex, so
-//! over a triangle it is largest at a corner; the largest distance to the nearest of several things is at most the
-//! least of these maxima. Squared it is convex as well, so it is nowhere above the plane through its values at the
-//! corners, and the distance to the nearer of two things nowhere above the lower one of two planes. Where all that is too
-//! coarse the triangle is halved.
+//! Positions are in metres from the north-west corner of the cell in question. A *site* is a convex
+//! set with a point of the outline in it. The distance to a site is convex, so over a triangle it
+//! is largest at a corner; the largest distance to the nearest of several sites is at most the
+//! least of these maxima. The squared distance is convex too, so it is nowhere above the plane
+//! through its values at the corners, and the squared distance to the nearer of two sites is
+//! nowhere above the lower one of two planes. If these upper bounds are too loose the triangle is
+//! halved.
 
-use super::search::{Bound, Corners};
+use super::bound::Bound;
 use crate::geo::Plane;
 use crate::simd::Kernel;
 
-/// Corners (of north-west, north-east, south-west, south-east) of the two triangles of a cell.
+/// Values at the corners of a square: north-west, north-east, south-west, south-east.
+pub(super) type Corners = [f64; 4];
+
+/// The two triangles of a cell, as indices of its [`Corners`].
 pub(super) fn triangles(falling: bool) -> [[usize; 3]; 2] {
     if falling { [[0, 1, 3], [0, 3, 2]] } else { [[0, 1, 2], [1, 3, 2]] }
 }
 
-/// Points that are looked at together.
+/// Points that are evaluated together.
 const LANES: usize = 4;
 
-/// A thing whose distance from a point is a convex function of the point.
+/// A site: its distance from a point is a convex function of the point.
 pub(super) trait Convex: Copy {
     /// Squared distances from some points `(x, y)`, square metres.
     fn squared(&self, x: [f64; LANES], y: [f64; LANES]) -> [f64; LANES];
 }
 
-/// A piece of the outline.
+/// A straight piece of the outline.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Segment {
     from: (f64, f64),
@@ -40,7 +45,7 @@ impl Segment {
         Self { from, along, inverse: 1.0 / (along.0 * along.0 + along.1 * along.1) }
     }
 
-    /// The way to a point from the nearest of the segment.
+    /// The vector to a point from the nearest point of the segment.
     #[inline(always)]
     fn away(&self, x: f64, y: f64) -> (f64, f64) {
         let (x, y) = (x - self.from.0, y - self.from.1);
@@ -62,19 +67,20 @@ impl Convex for Segment {
     }
 }
 
-/// A parallelogram somewhere in which there is a point of the outline: its distance is that of its farthest corner. Or a segment.
+/// A point of the outline that is known to lie in a parallelogram, whose distance is that of the
+/// farthest corner; or any point of a segment.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Somewhere {
-    /// The centre, or the segment.
+pub(super) struct UncertainPoint {
+    /// The centre of the parallelogram, or the segment.
     middle: Segment,
-    /// Half the diagonals of the parallelogram, else 0.
+    /// Half the diagonals of the parallelogram; 0 for a segment.
     diagonals: [(f64, f64); 2],
     /// Their squared lengths.
     squared: [f64; 2],
 }
 
-impl Somewhere {
-    /// A point.
+impl UncertainPoint {
+    /// A point at a known place.
     pub(super) fn point(centre: (f64, f64)) -> Self {
         let middle = Segment { from: centre, along: (0.0, 0.0), inverse: 0.0 };
         Self { middle, diagonals: [(0.0, 0.0); 2], squared: [0.0; 2] }
@@ -85,14 +91,14 @@ impl Somewhere {
         Self { middle: Segment::new(from, to), ..Self::point(from) }
     }
 
-    /// Half a cell to either side of its centre.
+    /// A point somewhere in the cell around `centre`.
     pub(super) fn block(centre: (f64, f64), plane: Plane) -> Self {
         let diagonals = [plane.at(0.5, 0.5), plane.at(0.5, -0.5)];
         Self { diagonals, squared: diagonals.map(|(x, y)| x * x + y * y), ..Self::point(centre) }
     }
 }
 
-impl Convex for Somewhere {
+impl Convex for UncertainPoint {
     #[inline(always)]
     fn squared(&self, x: [f64; LANES], y: [f64; LANES]) -> [f64; LANES] {
         let mut squared = [0.0; LANES];
@@ -121,14 +127,14 @@ pub(super) struct Polygon {
     len: usize,
 }
 
-/// A polygon that is still to be cut.
+/// A polygon with the values by which it is cut.
 #[derive(Clone, Copy, Debug, Default)]
 struct Uncut {
     corners: [Corner; 5],
     len: usize,
 }
 
-/// Which points are misdrawn.
+/// The two ways in which a point is misdrawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Fault {
     /// Drawn, though void.
@@ -222,101 +228,103 @@ fn smaller(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
-/// Things near a cell, and room for a search among them.
+/// The sites near a cell, and scratch memory for a search among them.
 #[derive(Debug)]
-pub(super) struct Things<T> {
+pub(super) struct Sites<T> {
     list: Vec<T>,
     /// Squared distances from the corners and the middle of a triangle.
     distances: Vec<[f64; LANES]>,
-    /// Parts that are still to be looked at.
-    pending: Vec<Part>,
+    /// Triangles that are still to be evaluated.
+    pending: Vec<SubTriangle>,
 }
 
 /// Pieces of the outline near a cell.
-pub(super) type Segments = Things<Segment>;
-/// Places near a block, each with a point of the outline.
-pub(super) type Somewheres = Things<Somewhere>;
+pub(super) type Segments = Sites<Segment>;
+/// Points of the outline near a block, each known up to a block.
+pub(super) type UncertainPoints = Sites<UncertainPoint>;
 
-/// A part of a triangle.
+/// A triangle that a search has reached by halving.
 #[derive(Clone, Copy, Debug)]
-struct Part {
+struct SubTriangle {
     corners: [(f64, f64); 3],
-    /// Of which of the things one is the nearest of any point of it.
+    /// Range of the sites one of which is the nearest of any point of it.
     first: usize,
     end: usize,
     /// How often it may be halved.
     halvings: u32,
 }
 
-impl<T> Default for Things<T> {
+impl<T> Default for Sites<T> {
     fn default() -> Self {
         Self { list: Vec::new(), distances: Vec::new(), pending: Vec::new() }
     }
 }
 
-impl<T: Convex> Things<T> {
-    /// Forgets all things.
+impl<T: Convex> Sites<T> {
+    /// Removes all sites.
     pub(super) fn clear(&mut self) {
         self.list.clear();
     }
 
-    /// Adds a thing.
-    pub(super) fn push(&mut self, thing: T) {
-        self.list.push(thing);
+    /// Adds a site.
+    pub(super) fn push(&mut self, site: T) {
+        self.list.push(site);
     }
 
-    /// Looks at one part of a triangle; the halves that need a look are left pending.
+    /// Evaluates one triangle; the halves that must be evaluated too are left pending.
     #[inline(always)]
-    fn look(&mut self, part: Part, bound: &mut Bound) {
-        let Part { first, end, halvings, .. } = part;
+    fn evaluate(&mut self, triangle: SubTriangle, bound: &mut Bound) {
+        let SubTriangle { first, end, halvings, .. } = triangle;
         self.list.truncate(end);
-        let [a, b, c] = longest_side_first(part.corners);
+        let [a, b, c] = longest_side_first(triangle.corners);
         let middle = ((a.0 + b.0 + c.0) / 3.0, (a.1 + b.1 + c.1) / 3.0);
         let (x, y) = ([a.0, b.0, c.0, middle.0], [a.1, b.1, c.1, middle.1]);
-        let (mut top, mut lowest) = (f64::INFINITY, 0);
+        let (mut upper, mut lowest) = (f64::INFINITY, 0);
         let mut near = [f64::INFINITY; LANES];
-        let things = &self.list[first..end];
-        self.distances.resize(things.len(), [0.0; LANES]);
-        let distances = &mut self.distances[..things.len()];
-        for thing in 0..things.len() {
-            let squared = things[thing].squared(x, y);
+        let sites = &self.list[first..end];
+        self.distances.resize(sites.len(), [0.0; LANES]);
+        let distances = &mut self.distances[..sites.len()];
+        for site in 0..sites.len() {
+            let squared = sites[site].squared(x, y);
             for i in 0..LANES {
                 near[i] = smaller(squared[i], near[i]);
             }
             let farthest = larger(larger(squared[0], squared[1]), squared[2]);
-            lowest = if farthest < top { thing } else { lowest };
-            top = smaller(farthest, top);
-            distances[thing] = squared;
+            lowest = if farthest < upper { site } else { lowest };
+            upper = smaller(farthest, upper);
+            distances[site] = squared;
         }
-        bound.reached(near[0].max(near[1]).max(near[2]));
-        if bound.settles(top) {
+        bound.evaluated(near[0].max(near[1]).max(near[2]));
+        if bound.prunes(upper) {
             return;
         }
-        let (below, crossings) = self.below_two(lowest, near);
-        let top = smaller(top, below);
-        if bound.settles(top) {
+        let (below, crossings) = self.upper_bound_of_two(lowest, near);
+        let upper = smaller(upper, below);
+        if bound.prunes(upper) {
             return;
         }
-        // The farthest point is often where two things are equally near, between the corners.
-        bound.raise(self.nearest_on_sides([a, b, c], crossings, first));
-        if bound.settles(top) {
+        // The farthest point is often where two sites are equally near, between the corners.
+        bound.raise_lower(self.nearest_on_sides([a, b, c], crossings, first));
+        if bound.prunes(upper) {
             return;
         }
         if halvings == 0 {
-            bound.cover(top);
+            bound.raise_upper(upper);
             return;
         }
         self.keep_near([a, b, c], middle, near[3], first);
         let centre = (0.5 * (a.0 + b.0), 0.5 * (a.1 + b.1));
-        let half = Part { corners: [b, c, centre], first: end, end: self.list.len(), halvings: halvings - 1 };
+        let half =
+            SubTriangle { corners: [b, c, centre], first: end, end: self.list.len(), halvings: halvings - 1 };
         self.pending.push(half);
-        self.pending.push(Part { corners: [a, c, centre], ..half });
+        self.pending.push(SubTriangle { corners: [a, c, centre], ..half });
     }
 
-    /// An upper bound for the squared distance to the nearer one of two things: number `one` of those looked at, and the one that
-    /// is nearest where that is farthest. Also how far along the sides from one corner to the next their planes cross; 0 where they do not.
+    /// An upper bound of the squared distance to the nearer one of two sites: number `one` of those
+    /// evaluated, and the one that is nearest where that is farthest. Also where along the sides,
+    /// from one corner to the next, their planes cross; 0 where they do not.
     #[inline(always)]
-    fn below_two(&self, one: usize, near: [f64; LANES]) -> (f64, [f64; 3]) {
+    fn upper_bound_of_two(&self, one: usize, near: [f64; LANES]) -> (f64, [f64; 3]) {
         let Some(&[a, b, c, _]) = self.distances.get(one) else { return (f64::INFINITY, [0.0; 3]) };
         let corner = if a >= b && a >= c {
             0
@@ -329,20 +337,21 @@ impl<T: Convex> Things<T> {
         let Some(&[d, e, f, _]) = nearest else { return (f64::INFINITY, [0.0; 3]) };
         // The lower one of two planes is highest at a corner, or on a side where they cross.
         let (ones, others) = ([a, b, c], [d, e, f]);
-        let (mut top, mut crossings) = (0.0, [0.0; 3]);
+        let (mut upper, mut crossings) = (0.0, [0.0; 3]);
         for (i, crossing) in crossings.iter_mut().enumerate() {
             let next = (i + 1) % 3;
             let (at_start, at_end) = (ones[i] - others[i], ones[next] - others[next]);
-            top = larger(smaller(ones[i], others[i]), top);
+            upper = larger(smaller(ones[i], others[i]), upper);
             if at_start * at_end < 0.0 {
                 *crossing = at_start / (at_start - at_end);
-                top = larger(ones[i] + (ones[next] - ones[i]) * *crossing, top);
+                upper = larger(ones[i] + (ones[next] - ones[i]) * *crossing, upper);
             }
         }
-        (top, crossings)
+        (upper, crossings)
     }
 
-    /// The largest squared distance from the nearest of the things from number `first` on, of a point on each side of a triangle.
+    /// The largest squared distance, from the nearest of the sites from number `first` on, of one
+    /// point on each side of a triangle.
     #[inline(always)]
     fn nearest_on_sides(&self, corners: [(f64, f64); 3], along: [f64; 3], first: usize) -> f64 {
         let (mut x, mut y) = ([corners[0].0; LANES], [corners[0].1; LANES]);
@@ -351,8 +360,8 @@ impl<T: Convex> Things<T> {
             (x[i], y[i]) = (from.0 + (to.0 - from.0) * along[i], from.1 + (to.1 - from.1) * along[i]);
         }
         let mut near = [f64::INFINITY; LANES];
-        for thing in &self.list[first..] {
-            let squared = thing.squared(x, y);
+        for site in &self.list[first..] {
+            let squared = site.squared(x, y);
             for i in 0..LANES {
                 near[i] = smaller(squared[i], near[i]);
             }
@@ -360,29 +369,30 @@ impl<T: Convex> Things<T> {
         near.into_iter().fold(0.0, f64::max)
     }
 
-    /// Appends those of the things from number `first` on that may be the nearest of a point of the triangle. The
-    /// squared distance of the nearest of its middle is `nearest`.
+    /// Appends those of the sites from number `first` on that may be the nearest of a point of the
+    /// triangle. `nearest` is the squared distance of its middle from the nearest site.
     #[inline(always)]
     fn keep_near(&mut self, corners: [(f64, f64); 3], middle: (f64, f64), nearest: f64, first: usize) {
         let [a, b, c] =
             corners.map(|p| (p.0 - middle.0) * (p.0 - middle.0) + (p.1 - middle.1) * (p.1 - middle.1));
         let radius = larger(larger(a, b), c).sqrt();
-        // Something farther than that from the middle is farther from any point of the triangle than the nearest is.
+        // A site farther than this from the middle is farther from every point of the triangle than
+        // the nearest.
         let limit = (nearest.sqrt() + 2.0 * radius) * (1.0 + 1e-9);
         for i in 0..self.distances.len() {
             if self.distances[i][3] <= limit * limit {
-                let thing = self.list[first + i];
-                self.list.push(thing);
+                let site = self.list[first + i];
+                self.list.push(site);
             }
         }
     }
 }
 
-/// Raises `bound` to the largest distance of a point of the polygons from the nearest of `things`, which are as they were
-/// afterwards.
+/// Kernel: raises `bound` to the largest squared distance of a point of the polygons from the
+/// nearest of `sites`, which stay as they are.
 pub(super) struct Farthest<'a, T> {
     pub(super) polygons: &'a [Option<Polygon>],
-    pub(super) things: &'a mut Things<T>,
+    pub(super) sites: &'a mut Sites<T>,
     /// How often a triangle may be halved.
     pub(super) halvings: u32,
     pub(super) bound: &'a mut Bound,
@@ -393,21 +403,21 @@ impl<T: Convex> Kernel for Farthest<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let Self { polygons, things, halvings, bound } = self;
-        let end = things.list.len();
+        let Self { polygons, sites, halvings, bound } = self;
+        let end = sites.list.len();
         for polygon in polygons {
             let Some(polygon) = polygon else { continue };
             for i in 2..polygon.len {
                 let at = |i: usize| polygon.corners[i];
                 let corners = [at(0), at(i - 1), at(i)];
-                things.pending.clear();
-                things.pending.push(Part { corners, first: 0, end, halvings });
-                while let Some(part) = things.pending.pop() {
-                    things.look(part, bound);
+                sites.pending.clear();
+                sites.pending.push(SubTriangle { corners, first: 0, end, halvings });
+                while let Some(triangle) = sites.pending.pop() {
+                    sites.evaluate(triangle, bound);
                 }
             }
         }
-        things.list.truncate(end);
+        sites.list.truncate(end);
     }
 }
 

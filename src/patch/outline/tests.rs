@@ -1,4 +1,5 @@
-//! The bounds against brute force: dense points, each with its distance to every piece of the outline that matters.
+//! The bounds against brute force: dense points, each with its distance to every piece of the
+//! outline that matters.
 
 use super::*;
 use crate::geo::Geo;
@@ -7,7 +8,7 @@ use proptest::prelude::*;
 use std::path::PathBuf;
 
 /// Validity at `(x, y)` of the surface drawn at spacing `s`, straight from its definition.
-fn validity(state: &[u8], n: usize, s: usize, parity: bool, x: f64, y: f64) -> f64 {
+pub(super) fn validity(state: &[u8], n: usize, s: usize, parity: bool, x: f64, y: f64) -> f64 {
     let size = s as f64;
     let (i, j) = (((x / size) as usize).min(n / s - 1), ((y / size) as usize).min(n / s - 1));
     let value = |i: usize, j: usize| f64::from(u8::from(state[j * s * (n + 1) + i * s] == VALID));
@@ -48,18 +49,18 @@ fn pieces(state: &[u8], n: usize) -> Vec<[(f64, f64); 2]> {
 
 /// Metres of an interval: columns go east, rows south and `skew` east.
 #[derive(Clone, Copy, Debug)]
-struct Spacing {
-    dx: f64,
-    skew: f64,
-    dy: f64,
+pub(super) struct Spacing {
+    pub(super) dx: f64,
+    pub(super) skew: f64,
+    pub(super) dy: f64,
 }
 
-const fn square(dx: f64, dy: f64) -> Spacing {
+pub(super) const fn square(dx: f64, dy: f64) -> Spacing {
     Spacing { dx, skew: 0.0, dy }
 }
 
 impl Spacing {
-    fn scale(self) -> Scale {
+    pub(super) fn scale(self) -> Scale {
         let transform = Some([0.0, self.dx, self.skew, 0.0, 0.0, self.dy]);
         Geo { transform, ..Geo::default() }.scale((0, 0), 1)
     }
@@ -69,7 +70,7 @@ impl Spacing {
     }
 
     /// The longer diagonal of a cell.
-    fn diagonal(self) -> f64 {
+    pub(super) fn diagonal(self) -> f64 {
         (self.dx + self.skew.abs()).hypot(self.dy)
     }
 }
@@ -83,7 +84,7 @@ fn distance(x: f64, y: f64, [a, b]: [(f64, f64); 2], spacing: Spacing) -> f64 {
 }
 
 /// Distances to the outline of a lattice of points, `density` to an interval.
-struct Oracle<'a> {
+pub(super) struct Oracle<'a> {
     state: &'a [u8],
     n: usize,
     density: usize,
@@ -91,7 +92,7 @@ struct Oracle<'a> {
 }
 
 impl<'a> Oracle<'a> {
-    fn new(state: &'a [u8], n: usize, spacing: Spacing, density: usize) -> Self {
+    pub(super) fn new(state: &'a [u8], n: usize, spacing: Spacing, density: usize) -> Self {
         let side = n * density + 1;
         let mut oracle = Self { state, n, density, distances: vec![f64::INFINITY; side * side] };
         oracle.fill(&pieces(state, n), spacing, (0, 0, n));
@@ -129,7 +130,7 @@ impl<'a> Oracle<'a> {
     }
 
     /// The farthest misdrawn point met, for each square of `group` intervals, drawn at spacing `s`.
-    fn farthest(&self, s: usize, group: usize, parity: bool) -> Vec<f64> {
+    pub(super) fn farthest(&self, s: usize, group: usize, parity: bool) -> Vec<f64> {
         let (n, side, squares) = (self.n, self.n * self.density + 1, self.n / group);
         let mut errors = vec![0.0_f64; squares * squares];
         for (k, &distance) in self.distances.iter().enumerate() {
@@ -145,7 +146,8 @@ impl<'a> Oracle<'a> {
                 first..=last.min(squares - 1)
             };
             let (columns, rows) = (touched(x), touched(y));
-            // A misdrawn point on a border belongs to both squares, a limit may be one of the other's.
+            // A misdrawn point on a border belongs to both squares, a limit may be one of the
+            // other's.
             if misdrawn || limit && columns.start() == columns.end() && rows.start() == rows.end() {
                 for row in rows {
                     for column in columns.clone() {
@@ -222,7 +224,7 @@ fn random(seed: u64) -> impl FnMut() -> f64 {
 }
 
 /// A mask of a kind, `(n + 1)^2`.
-fn mask(kind: usize, n: usize, seed: u64) -> Vec<u8> {
+pub(super) fn mask(kind: usize, n: usize, seed: u64) -> Vec<u8> {
     let mut next = random(seed);
     let side = n + 1;
     let density = [0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99][(next() * 7.0) as usize % 7];
@@ -288,7 +290,8 @@ fn never_below_brute_force_in_a_large_tile() {
 #[test]
 fn known_answers() {
     let tens = square(10.0, 10.0);
-    // Columns 0..=5 of 16 are valid: the outline is at 5.5; drawn at 2, 4, 8, 16 it is at 5, 6, 4, 8 (midway).
+    // Columns 0..=5 of 16 are valid: the outline is at 5.5; drawn at 2, 4, 8, 16 it is at 5, 6, 4,
+    // 8 (midway).
     let state: Vec<u8> = (0..17 * 17).map(|i| if i % 17 <= 5 { VALID } else { VOID }).collect();
     let errors = leaf(&state, 16, 16, false, &tens.scale());
     let steps: Vec<f64> = errors.steps.iter().map(|step| step[0]).collect();
@@ -302,7 +305,8 @@ fn known_answers() {
     let errors = leaf(&state, 16, 4, false, &tens.scale());
     assert!((errors.steps[1][0] - 5.0).abs() < 0.03, "{:?}", errors.steps);
     assert_eq!(errors.steps[1][1..], [0.0; 15]);
-    // A strip of two void columns, 9 and 10, which disappears at spacing 4: midway between its sides.
+    // A strip of two void columns, 9 and 10, which disappears at spacing 4: midway between its
+    // sides.
     let state: Vec<u8> =
         (0..17 * 17).map(|i| if (9..11).contains(&(i % 17)) { VOID } else { VALID }).collect();
     let errors = leaf(&state, 16, 16, false, &tens.scale());

@@ -1,10 +1,13 @@
-//! Marked points of a tile's half lattice, and the nearest of them to any point.
+//! A distance transform: the feature points of a tile's half lattice, and the nearest of them to
+//! any point.
 //!
-//! Point (X, Y) of the *half lattice*, `0 <= X, Y <= 2n`, lies X / 2 columns and Y / 2 rows from the north-west, so (even,
-//! even) is a sample and (odd, odd) the centre of a cell. Marks are kept as distances: each point knows how far the nearest
-//! mark of its own half column is. These are made for whole half rows at a time, in vectors; a query then looks along
-//! one half row, from near to far, until the columns are farther than what it has found. (The two passes of a distance
-//! transform, Felzenszwalb & Huttenlocher 2012, with the second one only where it is asked for.)
+//! Point (X, Y) of the *half lattice*, `0 <= X, Y <= 2n`, lies X / 2 columns and Y / 2 rows from
+//! the north-west, so (even, even) is a sample and (odd, odd) the centre of a cell. The transform
+//! stores, for each point, the distance to the nearest feature in its own half column. This first
+//! pass works on whole half rows, in vectors. A query then searches along one half row, from near
+//! to far, until the half columns are farther than the feature found. (These are the two passes of
+//! the distance transform of Felzenszwalb & Huttenlocher 2012, the second only for the points that
+//! are asked for.)
 
 use crate::geo::Plane;
 use crate::simd::{self, Kernel};
@@ -12,25 +15,27 @@ use crate::simd::{self, Kernel};
 /// A point of the half lattice: column, row.
 pub(super) type HalfPoint = [i16; 2];
 
-/// Half columns of one kind, even or odd, that are looked at together.
+/// Half columns of one kind, even or odd, that are searched together.
 const LANES: usize = 8;
 /// Half columns of both kinds.
 const BLOCK: usize = 2 * LANES;
-/// Bytes of a row of one kind come in multiples of this: whole vectors.
+/// The bytes of a half row of one kind are a multiple of this: whole vectors.
 const VECTOR: usize = 32;
-/// Half rows to the nearest mark of a half column: none that is nearer than this.
+/// Stored distance, in half rows, that means this far or farther.
 const FAR: u8 = u8::MAX;
-/// Cosine of the angle between columns and rows up to which distances are as if it were a right one: within a tenth.
+/// Largest cosine of the angle between columns and rows with which distances are taken as if it
+/// were a right angle: within a tenth.
 const SHEARED: f64 = 0.09;
 
-/// Marked points of the half lattice of a tile.
+/// The distances from the points of a half lattice to the nearest features of their half columns.
 #[derive(Debug, Default)]
-pub(super) struct Marks {
+pub(super) struct DistanceTransform {
     n: usize,
-    /// Even half columns of a row, or odd ones: more than the tile has, in whole vectors.
+    /// Bytes of the even, or the odd, half columns of a half row: whole vectors, so more than the
+    /// tile has.
     stride: usize,
-    /// Half rows to the nearest mark of the same half column, [`FAR`] at most: half row by half row, first of the even half
-    /// columns, then of the odd ones.
+    /// Half rows to the nearest feature of the same half column, [`FAR`] at most: half row by half
+    /// row, first of the even half columns, then of the odd ones.
     down: Vec<u8>,
     /// The least of them for each block of a half row.
     low: Vec<u8>,
@@ -49,49 +54,55 @@ static ALTERNATING: [u8; MOST_INTERVALS + 1] = {
     bytes
 };
 
-/// Before the first half row.
+/// The distances before the first half row.
 static ALL_FAR: [u8; 2 * (MOST_INTERVALS + 1).next_multiple_of(VECTOR)] =
     [FAR; 2 * (MOST_INTERVALS + 1).next_multiple_of(VECTOR)];
 
-/// Sets the marks of a half row to 1, of the even half columns and of the odd ones.
-trait MarkRow {
-    fn mark(&self, row: usize, even: &mut [u8], odd: &mut [u8]);
+/// A definition of features: which points of a half row are features.
+trait FeatureRow {
+    /// Sets `even` and `odd`, the even and odd half columns of a half row, to 1 at features and 0
+    /// elsewhere.
+    fn set(&self, row: usize, even: &mut [u8], odd: &mut [u8]);
 }
 
-/// Vertices of the outline: midpoints of the sides and diagonals that join a valid and a void sample.
+/// The vertices of the outline: midpoints of the sides and diagonals that join a valid and a void
+/// sample.
 struct Outline<'a> {
     valid: &'a [u8],
     n: usize,
 }
 
-impl MarkRow for Outline<'_> {
+impl FeatureRow for Outline<'_> {
     #[inline(always)]
-    fn mark(&self, row: usize, even: &mut [u8], odd: &mut [u8]) {
+    /// Sets `even` and `odd`, the even and odd half columns of a half row, to 1 at features and 0
+    /// elsewhere.
+    fn set(&self, row: usize, even: &mut [u8], odd: &mut [u8]) {
         let (n, y) = (self.n, row / 2);
         let north = &self.valid[y * (n + 1)..(y + 1) * (n + 1)];
         if row.is_multiple_of(2) {
-            for ((mark, west), east) in odd.iter_mut().zip(north).zip(&north[1..]) {
-                *mark = west ^ east;
+            for ((feature, west), east) in odd.iter_mut().zip(north).zip(&north[1..]) {
+                *feature = west ^ east;
             }
             even.fill(0);
             return;
         }
         let south = &self.valid[(y + 1) * (n + 1)..(y + 2) * (n + 1)];
-        for ((mark, north), south) in even.iter_mut().zip(north).zip(south) {
-            *mark = north ^ south;
+        for ((feature, north), south) in even.iter_mut().zip(north).zip(south) {
+            *feature = north ^ south;
         }
-        // Cells whose column and row are both even or both odd have the diagonal from north-west to south-east.
+        // Cells whose column and row are both even or both odd have the diagonal from north-west to
+        // south-east.
         let falls = &ALTERNATING[y % 2..];
         let corners = north.iter().zip(&north[1..]).zip(south.iter().zip(&south[1..]));
-        for ((mark, falls), ((nw, ne), (sw, se))) in odd.iter_mut().zip(falls).zip(corners) {
+        for ((feature, falls), ((nw, ne), (sw, se))) in odd.iter_mut().zip(falls).zip(corners) {
             let (falling, rising) = (nw ^ se, ne ^ sw);
-            *mark = rising ^ ((falling ^ rising) & falls);
+            *feature = rising ^ ((falling ^ rising) & falls);
         }
     }
 }
 
-/// The samples of one kind, and the centres of the blocks that hold some of that kind inside only.
-struct Places<'a> {
+/// The samples of one kind, and the centres of the blocks that hold that kind only inside.
+struct Kind<'a> {
     valid: &'a [u8],
     /// 1 for each of the `n x n` blocks that holds both kinds.
     is_mixed: &'a [u8],
@@ -100,14 +111,16 @@ struct Places<'a> {
     kind: u8,
 }
 
-impl MarkRow for Places<'_> {
+impl FeatureRow for Kind<'_> {
     #[inline(always)]
-    fn mark(&self, row: usize, even: &mut [u8], odd: &mut [u8]) {
+    /// Sets `even` and `odd`, the even and odd half columns of a half row, to 1 at features and 0
+    /// elsewhere.
+    fn set(&self, row: usize, even: &mut [u8], odd: &mut [u8]) {
         let (n, y, flip) = (self.n, row / 2, self.kind ^ 1);
         let north = &self.valid[y * (n + 1)..(y + 1) * (n + 1)];
         if row.is_multiple_of(2) {
-            for (mark, valid) in even.iter_mut().zip(north) {
-                *mark = valid ^ flip;
+            for (feature, valid) in even.iter_mut().zip(north) {
+                *feature = valid ^ flip;
             }
             odd.fill(0);
             return;
@@ -116,36 +129,36 @@ impl MarkRow for Places<'_> {
         let south = &self.valid[(y + 1) * (n + 1)..(y + 2) * (n + 1)];
         let is_mixed = &self.is_mixed[y * n..(y + 1) * n];
         let corners = north.iter().zip(&north[1..]).zip(south.iter().zip(&south[1..]));
-        for ((mark, mixed), ((nw, ne), (sw, se))) in odd.iter_mut().zip(is_mixed).zip(corners) {
+        for ((feature, mixed), ((nw, ne), (sw, se))) in odd.iter_mut().zip(is_mixed).zip(corners) {
             let at_corner = (nw ^ flip) | (ne ^ flip) | (sw ^ flip) | (se ^ flip);
-            *mark = mixed & (at_corner ^ 1);
+            *feature = mixed & (at_corner ^ 1);
         }
     }
 }
 
-/// Makes the distances.
-struct Fill<'a, M> {
-    marks: &'a mut Marks,
+/// Kernel: the first pass, which sets the distances.
+struct Transform<'a, M> {
+    transform: &'a mut DistanceTransform,
     of: M,
 }
 
-impl<M: MarkRow> Kernel for Fill<'_, M> {
+impl<M: FeatureRow> Kernel for Transform<'_, M> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
         const MOST: usize = (MOST_INTERVALS + 1).next_multiple_of(VECTOR);
-        let Self { marks: Marks { n, stride, down, low }, of } = self;
+        let Self { transform: DistanceTransform { n, stride, down, low }, of } = self;
         let (n, stride, row) = (*n, *stride, 2 * *stride);
-        let mut marked = [0_u8; 2 * MOST];
+        let mut features = [0_u8; 2 * MOST];
         for y in 0..=2 * n {
-            let (even, odd) = marked[..row].split_at_mut(stride);
-            of.mark(y, &mut even[..=n], &mut odd[..n]);
+            let (even, odd) = features[..row].split_at_mut(stride);
+            of.set(y, &mut even[..=n], &mut odd[..n]);
             let (before, here) = down.split_at_mut(y * row);
             let north = before.len().checked_sub(row).map_or(&ALL_FAR[..row], |from| &before[from..]);
-            for ((here, north), mark) in here[..row].iter_mut().zip(north).zip(&marked) {
-                // 0 where there is a mark.
-                *here = north.saturating_add(1) & mark.wrapping_sub(1);
+            for ((here, north), feature) in here[..row].iter_mut().zip(north).zip(&features) {
+                // 0 at a feature.
+                *here = north.saturating_add(1) & feature.wrapping_sub(1);
             }
         }
         let (mut one, mut two, mut four) = ([0; MOST], [0; MOST / 2], [0; MOST / 4]);
@@ -166,7 +179,7 @@ impl<M: MarkRow> Kernel for Fill<'_, M> {
     }
 }
 
-/// The lower one of every two.
+/// Sets `lower` to the lower one of every two bytes.
 #[inline(always)]
 fn lower_of_two(bytes: &[u8], lower: &mut [u8]) {
     for (lower, pair) in lower.iter_mut().zip(bytes.as_chunks::<2>().0) {
@@ -174,35 +187,38 @@ fn lower_of_two(bytes: &[u8], lower: &mut [u8]) {
     }
 }
 
-impl Marks {
-    /// Marks the vertices of the outline of a tile of `n` intervals; `valid` is 1 or 0 for each of its samples.
-    pub(super) fn outline(&mut self, valid: &[u8], n: usize) {
+impl DistanceTransform {
+    /// Becomes the transform of the vertices of the outline of a tile of `n` intervals; `valid` is
+    /// 1 or 0 for each of its samples.
+    pub(super) fn of_outline(&mut self, valid: &[u8], n: usize) {
         self.fill(n, Outline { valid, n });
     }
 
-    /// Marks the samples of one kind, and the centres of the blocks that hold some of that kind inside only. `is_mixed`
-    /// says 1 of each of the `n x n` blocks that holds both kinds.
-    pub(super) fn places(&mut self, valid: &[u8], is_mixed: &[u8], n: usize, kind: bool) {
-        self.fill(n, Places { valid, is_mixed, n, kind: u8::from(kind) });
+    /// Becomes the transform of the samples of one kind, and of the centres of the blocks that hold
+    /// that kind only inside. `is_mixed` is 1 for each of the `n x n` blocks that holds both kinds.
+    pub(super) fn of_kind(&mut self, valid: &[u8], is_mixed: &[u8], n: usize, kind: bool) {
+        self.fill(n, Kind { valid, is_mixed, n, kind: u8::from(kind) });
     }
 
-    fn fill(&mut self, n: usize, of: impl MarkRow) {
+    fn fill(&mut self, n: usize, of: impl FeatureRow) {
         debug_assert!(n <= MOST_INTERVALS, "half rows must fit HalfPoint");
         self.n = n;
         self.stride = (n + 1).next_multiple_of(VECTOR);
         self.down.resize((2 * n + 1) * 2 * self.stride, 0);
         self.low.resize((2 * n + 1) * self.stride / LANES, 0);
-        simd::run(Fill { marks: self, of });
+        simd::run(Transform { transform: self, of });
     }
 
-    /// Half rows from point `(x, y)` to the nearest mark of its half column; [`FAR`] if none is nearer than that.
+    /// Half rows from point `(x, y)` to the nearest feature of its half column; [`FAR`] if none is
+    /// nearer than that.
     #[inline]
     fn down(&self, x: usize, y: usize) -> u8 {
         self.down[(2 * y + x % 2) * self.stride + x / 2]
     }
 
-    /// The mark nearest to a point of the half lattice in a plane; `None` if there are no marks. Of marks as far, up to the rounding of
-    /// f32 (up to a tenth if the plane is sheared), any one.
+    /// The feature nearest to a point of the half lattice in a plane; `None` if there are no
+    /// features. Of features whose distances differ by no more than the rounding of f32 (by a tenth
+    /// if the plane is sheared) it may be any.
     pub(super) fn nearest(&self, [x, y]: [usize; 2], plane: Plane) -> Option<HalfPoint> {
         // In units of half an interval across.
         let row = plane.row() / plane.dx;
@@ -210,8 +226,8 @@ impl Marks {
         if plane.skew.abs() > SHEARED * plane.row() {
             return self.far([x, y], plane.dy / plane.row(), plane.skew / plane.dx / ratio, ratio);
         }
-        let (column, squared) = simd::run(Near { marks: self, from: [x, y], ratio: ratio as f32 });
-        // A mark that is farther in its column may be nearer.
+        let (column, squared) = simd::run(Nearest { transform: self, from: [x, y], ratio: ratio as f32 });
+        // A feature of a nearer column, but farther than a byte can say, may be nearer.
         if f64::from(squared) >= f64::from(FAR) * f64::from(FAR) * ratio * (1.0 - 1e-6) {
             return self.far([x, y], 1.0, 0.0, ratio);
         }
@@ -220,7 +236,8 @@ impl Marks {
         Some([column as i16, row as i16])
     }
 
-    /// The nearest mark wherever it is, `i` half columns and `j` half rows away: by `ratio (j + lean i)^2 + (apart i)^2`.
+    /// The nearest feature at any distance; that of one `i` half columns and `j` half rows away is
+    /// `ratio (j + lean i)^2 + (apart i)^2`.
     #[cold]
     fn far(&self, [x, y]: [usize; 2], apart: f64, lean: f64, ratio: f64) -> Option<HalfPoint> {
         let (mut found, mut least, last) = (None, f64::INFINITY, 2 * self.n);
@@ -232,7 +249,7 @@ impl Marks {
                 if column > last {
                     continue;
                 }
-                // Where the half column is nearest: between two half rows.
+                // The nearest point of the half column, between two half rows.
                 let middle = (y as f64 - lean * away).clamp(0.0, last as f64);
                 for asked in [middle.floor() as usize, middle.ceil() as usize] {
                     let Some(row) = self.nearest_in_column(column, asked) else { break };
@@ -247,41 +264,41 @@ impl Marks {
         found
     }
 
-    /// Half row of the nearest mark of a half column.
+    /// Half row of the feature of half column `x` that is nearest to half row `y`.
     fn nearest_in_column(&self, x: usize, y: usize) -> Option<usize> {
         let last = 2 * self.n;
         let within = |row: usize| (row <= last).then_some(row);
-        // Where no mark is nearer than FAR, the next place to ask is that far away.
+        // If no feature is nearer than FAR, the next place to look up is that far away.
         (0..=last).step_by(usize::from(FAR)).find_map(|away| {
             let asked = [y.checked_sub(away), within(y + away)].into_iter().flatten();
-            let marks = asked.flat_map(|row| {
+            let transform = asked.flat_map(|row| {
                 let down = usize::from(self.down(x, row));
                 [row.checked_sub(down), within(row + down)]
             });
-            marks.flatten().filter(|&row| self.down(x, row) == 0).min_by_key(|row| row.abs_diff(y))
+            transform.flatten().filter(|&row| self.down(x, row) == 0).min_by_key(|row| row.abs_diff(y))
         })
     }
 }
 
-/// Half column and squared distance (in units of half an interval across) of the nearest mark, if it is less than [`FAR`]
-/// half rows away.
-struct Near<'a> {
-    marks: &'a Marks,
+/// Kernel: half column and squared distance (in units of half an interval across) of the nearest
+/// feature, if that is less than [`FAR`] half rows away.
+struct Nearest<'a> {
+    transform: &'a DistanceTransform,
     from: [usize; 2],
     ratio: f32,
 }
 
-/// What a query looks at: a half row, by blocks.
+/// A half row that a query searches, by blocks.
 struct Row<'a> {
     even: &'a [[u8; LANES]],
     odd: &'a [[u8; LANES]],
     low: &'a [u8],
-    /// Half column that it asks from.
+    /// Half column of the point of the query.
     x: usize,
     ratio: f32,
 }
 
-/// The block with the nearest mark so far, and its squared distance.
+/// The block with the nearest feature so far, and its squared distance.
 #[derive(Clone, Copy)]
 struct Best {
     block: usize,
@@ -289,16 +306,16 @@ struct Best {
 }
 
 impl Row<'_> {
-    /// Squared distances to the nearest marks of the half columns of a block.
+    /// Squared distances to the nearest features of the half columns of a block.
     #[inline(always)]
     fn squared(&self, block: usize) -> [[f32; LANES]; 2] {
         let first = (block * BLOCK) as f32 - self.x as f32;
         [squared(&self.even[block], first, self.ratio), squared(&self.odd[block], first + 1.0, self.ratio)]
     }
 
-    /// Looks at a block, the half columns of which are `across` away or more.
+    /// Searches a block whose half columns are at least `across` away.
     #[inline(always)]
-    fn look(&self, block: usize, across: f32, best: &mut Best) {
+    fn search(&self, block: usize, across: f32, best: &mut Best) {
         let down = f32::from(self.low[block]);
         if across * across + down * down * self.ratio < best.squared {
             let squared = least(&self.squared(block));
@@ -309,8 +326,9 @@ impl Row<'_> {
     }
 }
 
-/// Squared distances, of which `down` are the parts along the half columns; the first of these is `first` away across.
-// One operation at a time, on all lanes: so they become vectors.
+/// Squared distances from the parts `down` along half columns, the first of which is `first` half
+/// columns away.
+// One operation at a time on all lanes, so that the compiler uses vectors.
 #[inline(always)]
 fn squared(down: &[u8; LANES], first: f32, ratio: f32) -> [f32; LANES] {
     const COLUMNS: [f32; LANES] = [0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0];
@@ -330,8 +348,8 @@ fn squared(down: &[u8; LANES], first: f32, ratio: f32) -> [f32; LANES] {
     squared
 }
 
-/// The least of some distances. Floats that are not negative are ordered as their bits are, and integers may be compared in
-/// any order.
+/// The least of some squared distances. Floats that are not negative have the order of their bits,
+/// and the least of integers may be found in any order, hence in vectors.
 #[inline(always)]
 fn least(squared: &[[f32; LANES]; 2]) -> f32 {
     let mut least = u32::MAX >> 1;
@@ -343,12 +361,12 @@ fn least(squared: &[[f32; LANES]; 2]) -> f32 {
     f32::from_bits(least)
 }
 
-impl Kernel for Near<'_> {
+impl Kernel for Nearest<'_> {
     type Output = (usize, f32);
 
     #[inline(always)]
     fn run(self) -> (usize, f32) {
-        let Self { marks: Marks { stride, down, low, .. }, from: [x, y], ratio } = self;
+        let Self { transform: DistanceTransform { stride, down, low, .. }, from: [x, y], ratio } = self;
         let (even, odd) = down[2 * y * stride..][..2 * stride].split_at(*stride);
         let count = stride / LANES;
         let (even, odd) = (even.as_chunks().0, odd.as_chunks().0);
@@ -363,10 +381,10 @@ impl Kernel for Near<'_> {
                 break;
             }
             if west && away <= own {
-                row.look(own - away, to_west, &mut best);
+                row.search(own - away, to_west, &mut best);
             }
             if east && own + away < count {
-                row.look(own + away, to_east, &mut best);
+                row.search(own + away, to_east, &mut best);
             }
             to_west += BLOCK as f32;
             to_east += BLOCK as f32;
@@ -387,12 +405,12 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// All marks, one by one.
-    fn all(marks: &Marks, n: usize) -> Vec<HalfPoint> {
+    /// All features, one by one.
+    fn all(transform: &DistanceTransform, n: usize) -> Vec<HalfPoint> {
         let side = 2 * n + 1;
-        let is_marked = |x: usize, y: usize| marks.down(x, y) == 0;
+        let is_feature = |x: usize, y: usize| transform.down(x, y) == 0;
         let points = (0..side * side).map(|i| (i % side, i / side));
-        points.filter(|&(x, y)| is_marked(x, y)).map(|(x, y)| [x as i16, y as i16]).collect()
+        points.filter(|&(x, y)| is_feature(x, y)).map(|(x, y)| [x as i16, y as i16]).collect()
     }
 
     /// Samples of `side x side`, of which about one in `rarity` is unlike the others.
@@ -406,13 +424,13 @@ mod tests {
         (0..side * side).map(|_| if next() % rarity == 0 { usual ^ 1 } else { usual }).collect()
     }
 
-    fn nearest_is_nearest(marks: &Marks, n: usize, half: (f64, f64)) {
+    fn nearest_is_nearest(transform: &DistanceTransform, n: usize, half: (f64, f64)) {
         let plane = Plane { dx: half.0, skew: 0.0, dy: half.1 };
-        nearest_in_plane(marks, n, plane);
+        nearest_in_plane(transform, n, plane);
     }
 
-    fn nearest_in_plane(marks: &Marks, n: usize, plane: Plane) {
-        let marked = all(marks, n);
+    fn nearest_in_plane(transform: &DistanceTransform, n: usize, plane: Plane) {
+        let features = all(transform, n);
         let squared = |[x, y]: HalfPoint, at: [usize; 2]| {
             let (across, down) = (f64::from(x) - at[0] as f64, f64::from(y) - at[1] as f64);
             (across * plane.dx + down * plane.skew).powi(2) + (down * plane.dy).powi(2)
@@ -426,11 +444,12 @@ mod tests {
         };
         for i in (0..(2 * n + 1) * (2 * n + 1)).step_by(step) {
             let at = [i % (2 * n + 1), i / (2 * n + 1)];
-            match marks.nearest(at, plane) {
-                None => assert!(marked.is_empty()),
+            match transform.nearest(at, plane) {
+                None => assert!(features.is_empty()),
                 Some(found) => {
-                    let least = marked.iter().map(|&mark| squared(mark, at)).fold(f64::INFINITY, f64::min);
-                    assert!(marked.contains(&found), "{found:?} is no mark");
+                    let least =
+                        features.iter().map(|&feature| squared(feature, at)).fold(f64::INFINITY, f64::min);
+                    assert!(features.contains(&found), "{found:?} is no feature");
                     assert!(squared(found, at) <= least * (1.0 + 1e-6), "{at:?}: {found:?}, {plane:?}");
                 }
             }
@@ -438,34 +457,34 @@ mod tests {
     }
 
     #[test]
-    fn marks_are_found_from_farther_than_a_byte_can_say() {
+    fn features_are_found_from_farther_than_a_byte_can_say() {
         let n = 512;
         for (x, y) in [(0, 0), (n, 3), (200, n), (n / 2, n / 2)] {
             let mut valid = vec![1; (n + 1) * (n + 1)];
             valid[y * (n + 1) + x] = 0;
             for half in [(1.0, 1.0), (1.0, 0.1), (0.1, 1.0), (3.0, 4.0)] {
-                let mut marks = Marks::default();
-                marks.outline(&valid, n);
-                nearest_is_nearest(&marks, n, half);
-                marks.places(&valid, &vec![0; n * n], n, false);
-                nearest_is_nearest(&marks, n, half);
+                let mut transform = DistanceTransform::default();
+                transform.of_outline(&valid, n);
+                nearest_is_nearest(&transform, n, half);
+                transform.of_kind(&valid, &vec![0; n * n], n, false);
+                nearest_is_nearest(&transform, n, half);
             }
         }
-        let mut marks = Marks::default();
-        marks.outline(&vec![1; (n + 1) * (n + 1)], n);
-        assert_eq!(marks.nearest([7, 9], Plane { dx: 1.0, skew: 0.0, dy: 1.0 }), None);
+        let mut transform = DistanceTransform::default();
+        transform.of_outline(&vec![1; (n + 1) * (n + 1)], n);
+        assert_eq!(transform.nearest([7, 9], Plane { dx: 1.0, skew: 0.0, dy: 1.0 }), None);
     }
 
     #[test]
-    fn marks_of_a_sheared_lattice_are_found() {
+    fn features_of_a_sheared_lattice_are_found() {
         for (n, seed) in [(16, 5), (16, 9), (128, 7)] {
-            let mut marks = Marks::default();
+            let mut transform = DistanceTransform::default();
             for rarity in [7, 60] {
-                marks.outline(&samples(n + 1, rarity, seed), n);
+                transform.of_outline(&samples(n + 1, rarity, seed), n);
                 for (dx, skew, dy) in [(1.0, 0.5, 1.0), (1.0, -5.0, 2.0), (9.0, 3.0, 1.0), (2.0, -10.0, 40.0)]
                 {
                     let plane = Plane { dx, skew, dy };
-                    nearest_in_plane(&marks, n, plane);
+                    nearest_in_plane(&transform, n, plane);
                 }
             }
         }
@@ -473,7 +492,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn marks_are_where_the_definitions_say_and_the_nearest_is_found(
+        fn features_are_where_the_definitions_say_and_the_nearest_is_found(
             log_n in 2_u32..8,
             rarity in prop::sample::select(vec![2_u64, 7, 100, 5_000]),
             seed: u64,
@@ -483,8 +502,8 @@ mod tests {
             let side = n + 1;
             let valid = samples(side, rarity, seed);
             let at = |x: usize, y: usize| valid[y * side + x];
-            let mut marks = Marks::default();
-            marks.outline(&valid, n);
+            let mut transform = DistanceTransform::default();
+            transform.of_outline(&valid, n);
             let mut expected = Vec::new();
             for y in 0..=2 * n {
                 for x in 0..=2 * n {
@@ -501,19 +520,19 @@ mod tests {
                     }
                 }
             }
-            prop_assert_eq!(all(&marks, n), expected);
-            nearest_is_nearest(&marks, n, half);
+            prop_assert_eq!(all(&transform, n), expected);
+            nearest_is_nearest(&transform, n, half);
 
             // Blocks: some of them mixed though their corners are alike.
             let mixed = samples(n, rarity, !seed);
             for kind in [false, true] {
-                marks.places(&valid, &mixed, n, kind);
+                transform.of_kind(&valid, &mixed, n, kind);
                 let is_kind = |x: usize, y: usize| (at(x, y) == 1) == kind;
                 let mut expected = Vec::new();
                 for y in 0..=2 * n {
                     for x in 0..=2 * n {
                         let (i, j) = (x / 2, y / 2);
-                        let marked = match (x % 2, y % 2) {
+                        let features = match (x % 2, y % 2) {
                             (0, 0) => is_kind(i, j),
                             (1, 1) => {
                                 let corners = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
@@ -521,13 +540,13 @@ mod tests {
                             }
                             _ => false,
                         };
-                        if marked {
+                        if features {
                             expected.push([x as i16, y as i16]);
                         }
                     }
                 }
-                prop_assert_eq!(all(&marks, n), expected);
-                nearest_is_nearest(&marks, n, half);
+                prop_assert_eq!(all(&transform, n), expected);
+                nearest_is_nearest(&transform, n, half);
             }
         }
     }

@@ -1,10 +1,10 @@
-//! What the search of a tile starts from, for all its samples and cells at once: which are valid, void, or both.
+//! Validity of all samples and cells of a tile at once: which are valid, void, or both.
 
-use super::search::{HAS_VALID, HAS_VOID};
+use crate::patch::blocks::{HAS_VALID, HAS_VOID};
 use crate::sample::VALID;
 use crate::simd::Kernel;
 
-/// Sets `valid` to 1 where a sample is valid, 0 elsewhere.
+/// Kernel: sets `valid` to 1 where a sample is valid, 0 elsewhere.
 pub(super) struct Validity<'a> {
     pub(super) state: &'a [u8],
     pub(super) valid: &'a mut Vec<u8>,
@@ -24,7 +24,7 @@ impl Kernel for Validity<'_> {
     }
 }
 
-/// True if all samples of a tile are valid, or none is.
+/// Kernel: true if all samples of a tile are valid, or none is.
 pub(super) struct AllAlike<'a> {
     pub(super) state: &'a [u8],
 }
@@ -34,7 +34,7 @@ impl Kernel for AllAlike<'_> {
 
     #[inline(always)]
     fn run(self) -> bool {
-        // The inner loop has no way out, so it runs on vectors.
+        // The inner loop has no early end, so that the compiler uses vectors.
         const AT_ONCE: usize = 1024;
         let Some(&first) = self.state.first() else { return true };
         let valid = u8::from(first == VALID);
@@ -45,14 +45,15 @@ impl Kernel for AllAlike<'_> {
     }
 }
 
-/// Two rows of samples, as the corners of the cells between them: north-west, north-east, south-west, south-east.
+/// Two rows of samples, as the corners of the cells between them: north-west, north-east,
+/// south-west, south-east.
 #[inline(always)]
 fn corners(valid: &[u8], n: usize, row: usize) -> [&[u8]; 4] {
     let rows = &valid[row * (n + 1)..(row + 2) * (n + 1)];
     [&rows[..n], &rows[1..][..n], &rows[n + 1..][..n], &rows[n + 2..][..n]]
 }
 
-/// Sets for each cell what its closed square holds.
+/// Kernel: sets the bits of each cell to what its closed square holds.
 pub(super) struct CellBits<'a> {
     pub(super) valid: &'a [u8],
     pub(super) n: usize,
