@@ -26,6 +26,8 @@ mod distance_transform;
 mod grid;
 mod leaf_cell;
 mod patterns;
+#[cfg(test)]
+mod plain_bound;
 mod pyramid;
 mod search;
 mod shape;
