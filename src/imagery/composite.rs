@@ -1,35 +1,37 @@
-//! Pictures over one another.
+//! Composites pictures over one another.
 //!
-//! What a picture leaves transparent shows what lies below it. Where both cover a part of a texel the parts are taken to be different ones:
-//! pictures that abut along a slanted edge join without a seam.
+//! Transparent texels of a picture show the pictures below. Where two pictures each cover a part of
+//! a texel, the parts are taken to be disjoint: pictures that abut along a slanted edge join
+//! without a seam.
 
 use super::light::TABLES;
-use super::resample::Layer;
+use super::square::Layer;
 use crate::texel::Colour;
 
-/// Texels of a square, as far as pictures cover them.
+/// The texels of a square, composited so far.
 #[derive(Debug)]
 pub(super) struct Canvas {
     pub(super) kind: Colour,
     pub(super) side: usize,
     pub(super) colour: Vec<u8>,
-    /// One byte a texel.
+    /// Alpha, one byte a texel.
     pub(super) alpha: Vec<u8>,
 }
 
 impl Canvas {
-    /// Wholly transparent.
+    /// A wholly transparent canvas.
     pub(super) fn new(kind: Colour, side: usize) -> Self {
         let count = side * side;
         Self { kind, side, colour: vec![0; count * kind.channels()], alpha: vec![0; count] }
     }
 
-    /// True if nothing below can be seen.
+    /// True if all texels are opaque.
     pub(super) fn is_opaque(&self) -> bool {
         self.alpha.iter().all(|&alpha| alpha == 255)
     }
 
-    /// Puts a layer below what is here. True if any of it shows, `gutter` texels on each side not counted.
+    /// Composites a layer below the canvas. Returns true if a texel of it shows, `gutter` texels on
+    /// each side not counted.
     pub(super) fn below(&mut self, layer: Layer, gutter: usize) -> bool {
         let colour = match (layer.kind, self.kind) {
             (Colour::Grey, Colour::Rgb) => layer.colour.iter().flat_map(|&grey| [grey; 3]).collect(),

@@ -1,18 +1,21 @@
-//! Colours under transparent texels, so that neither a bilinear filter nor a lossy codec draws a dark rim around a picture.
+//! Fills in colours of transparent texels, so that neither a bilinear filter nor a lossy codec
+//! draws a dark border around a picture.
 //!
-//! Pull and push: means of 2 x 2 texels that have a colour, until every square has one; then each texel without a colour takes that of
-//! the smallest square around it that has. What is seen does not change.
+//! It is a pull-push filter: means of 2 x 2 texels that have a colour, until every square has one;
+//! then each texel without a colour takes that of the smallest square around it that has one. No
+//! visible texel changes.
 
 use crate::texel::Colour;
 
-/// One level of means.
+/// One level of the means.
 struct Means<const C: usize> {
     side: usize,
     colour: Vec<[u8; C]>,
     known: Vec<bool>,
 }
 
-/// Gives wholly transparent texels of a square the colours of near ones; nothing to be done where there is no other texel.
+/// Gives the wholly transparent texels of a square the colours of near texels; does nothing if
+/// there are no others.
 pub(super) fn fill(colour: &mut [u8], alpha: &[u8], side: usize, kind: Colour) {
     let known: Vec<bool> = alpha.iter().map(|&alpha| alpha > 0).collect();
     if known.iter().all(|&known| known) || !known.contains(&true) {
@@ -42,7 +45,7 @@ fn halve<const C: usize>(colour: &[[u8; C]], known: &[bool], side: usize) -> Mea
     let mut means = Means { side: half, colour: vec![[0; C]; half * half], known: vec![false; half * half] };
     let rows = means.colour.chunks_exact_mut(half).zip(means.known.chunks_exact_mut(half));
     for (y, (row, row_known)) in rows.enumerate() {
-        // Of an odd side the last row and column count twice.
+        // With an odd side the last row and column count twice.
         let (upper, lower) = (2 * y * side, (2 * y + 1).min(side - 1) * side);
         for (x, (mean, mean_known)) in row.iter_mut().zip(row_known).enumerate() {
             let (left, right) = (2 * x, (2 * x + 1).min(side - 1));

@@ -1,21 +1,22 @@
-//! What a tile leaves for its parent: itself at half the resolution.
+//! A tile at half its resolution, for its parent.
 
 use super::GUTTER;
 use super::composite::Canvas;
 use super::light::TABLES;
 use crate::simd::{self, Kernel};
 
-/// A quarter of a tile of the level above: means of 2 x 2 texels in linear light, weighted by their alpha.
+/// A quarter of a tile of the level above: means of 2 x 2 texels in linear light, weighted by their
+/// alpha.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Half {
     side: usize,
     colour: Vec<u8>,
-    /// `None` if all are opaque.
+    /// `None` if all texels are opaque.
     alpha: Option<Vec<u8>>,
 }
 
 impl Half {
-    /// Of the texels of a tile without its gutter.
+    /// The half of the texels of a tile without its gutter.
     pub(super) fn of(canvas: &Canvas) -> Self {
         if canvas.kind.channels() == 1 {
             simd::run(Halve::<1>(canvas))
@@ -24,11 +25,11 @@ impl Half {
         }
     }
 
-    /// Copies it to cell (`x`, `y`) of a tile above: 1 and 2 are its own quadrants, 0 and 3 those of its neighbours, of which only
-    /// the gutter is copied.
+    /// Copies it to cell (`x`, `y`) of a tile above. Cells 1 and 2 are the tile's own quadrants; of
+    /// cells 0 and 3, its neighbours', only the gutter is copied.
     pub(super) fn paste(&self, canvas: &mut Canvas, x: usize, y: usize) {
         let (channels, side, half) = (canvas.kind.channels(), canvas.side, self.side);
-        // Where the cell begins on the canvas, and what of it lies there.
+        // The start of the cell on the canvas, and the part of the cell that lies on the canvas.
         let place = |cell: usize| match cell {
             0 => (0, half - GUTTER..half),
             3 => (side - GUTTER, 0..GUTTER),
@@ -91,7 +92,8 @@ impl<const C: usize> Kernel for Halve<'_, C> {
     }
 }
 
-/// Mean alpha, and mean colour by alpha. What is not wholly transparent stays so, however coarse: a parent of a tile has something to show.
+/// Sets the mean colour, weighted by alpha, and returns the mean alpha. It is 0 only if all four
+/// are: the parent of an existing tile exists.
 #[inline(always)]
 fn mean<const C: usize>(texels: [[u8; C]; 4], weights: [u8; 4], colour: &mut [u8; C]) -> u8 {
     let sum: u32 = weights.iter().map(|&weight| u32::from(weight)).sum();

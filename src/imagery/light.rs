@@ -1,27 +1,29 @@
-//! sRGB bytes and linear light.
+//! Converts between sRGB bytes and linear light.
 //!
-//! Texels are averaged in linear light: a white line on black keeps its brightness however coarse the level, and does not sink to the
-//! darker grey that the mean of the bytes would be. One rule for all filters: bilinear ones, area averages and parents.
+//! Texels are averaged in linear light: a white line on black keeps its brightness however coarse
+//! the level; the mean of the bytes would be a darker grey. All filters follow this rule: bilinear
+//! ones, area averages and parents.
 
 use std::sync::LazyLock;
 
-/// Linear light of white, in the unit of [`Tables::light`]: codes of neighbouring bytes are at least 4.9 apart.
+/// Linear light of white, in the unit of [`Tables::light`]: codes of neighbouring bytes are at
+/// least 4.9 apart.
 const WHITE: f32 = 16384.0;
 
-/// Adding it leaves the nearest integer of a number of up to 22 bits in the low bits.
+/// Adding this to a number of up to 22 bits leaves the nearest integer in the low bits.
 const ROUND: f32 = 8_388_608.0;
 
-/// Both ways.
+/// Tables for both directions.
 pub(super) struct Tables {
     /// Linear light of a byte, 0 to 16384.
     pub(super) light: [f32; 256],
     /// Linear light of a byte, 0 to 65535.
     pub(super) light16: [u16; 256],
-    /// Byte of linear light 0 to 16384; the rest is there so that no index of 15 bits is outside.
+    /// Byte of linear light 0 to 16384; the table is longer so that no index of 15 bits is outside.
     bytes: Box<[u8; 32768]>,
 }
 
-/// The tables, made once.
+/// The tables, computed once.
 pub(super) static TABLES: LazyLock<Tables> = LazyLock::new(|| {
     let mut bytes = Box::new([255; 32768]);
     for (index, byte) in bytes.iter_mut().enumerate().take(WHITE as usize) {

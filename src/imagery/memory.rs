@@ -1,4 +1,4 @@
-//! How much memory making the tiles takes at most, known before a pixel is read.
+//! The most memory that making the tiles takes, known before a pixel is read.
 
 use std::ops::Range;
 
@@ -10,20 +10,24 @@ use crate::geo::Geo;
 use crate::source::picture::{KEPT, Memory, Picture};
 use crate::texel::Colour;
 
-/// Bytes for each texel of a tile that a thread works on: canvas, layer, texels, and what the codecs take (WebP most).
+/// Bytes for each texel of a tile that a thread works on: canvas, layer, texels, and the memory of
+/// the codec (WebP takes most).
 const THREAD_TEXEL: u64 = 48;
 /// Bytes for each pixel that a tile is resampled from.
 const PIXEL: u64 = 4;
-/// Bytes of the index for each tile of the layer: its row, where it is found, and its share of a packed page.
+/// Bytes of the index for each tile of the layer: its row, its entry in a map, and its share of a
+/// packed page.
 const INDEX: u64 = 128;
-/// Bytes for the parts of a half beside its texels.
+/// Bytes of a half besides its texels.
 const EACH: u64 = 256;
 
-/// Memory that [`super::build`] takes at most on so many threads: `reading` stands for all but the blocks of pictures that are kept.
+/// The most memory that [`super::build`] takes on `threads` threads; `reading` is all of it but the
+/// cached blocks of pictures.
 ///
-/// - The halves of each level: of four rows of the tiles that pictures touch, and of those that are worked on together, which are about
-///   a hundred, or a row.
-/// - For each thread a tile, the pixels that it is resampled from, and a block of the picture that it reads.
+/// - The halves of each level: of four rows of the tiles that pictures touch, and of those that are
+///   made together, which are about a hundred, or a row.
+/// - For each thread a tile, the pixels that it is resampled from, and a block of the picture that
+///   it reads.
 /// - The index of the layer.
 pub fn memory(
     pictures: &[Box<dyn Picture>],
@@ -54,7 +58,8 @@ pub fn memory(
     Ok(Memory { reading, block, kept: kept.min(KEPT) })
 }
 
-/// Columns and rows of tiles of a level from the first to the last that pictures touch.
+/// How many columns and rows of tiles of a level there are from the first to the last that pictures
+/// touch.
 fn touched(placed: &[Placed<'_>], level: u8) -> (u64, u64) {
     let finer = || placed.iter().filter(|placed| placed.level >= level);
     let span = |a: Range<u32>, b: Range<u32>| match (a.is_empty(), b.is_empty()) {
@@ -67,7 +72,8 @@ fn touched(placed: &[Placed<'_>], level: u8) -> (u64, u64) {
     (columns.len() as u64, rows.len() as u64)
 }
 
-/// Bytes that a thread takes to read what a tile of the picture's own level is resampled from: no tile needs more.
+/// Bytes that a thread takes to read the pixels of a tile of the picture's own level: no tile needs
+/// more.
 fn reading(placed: &Placed<'_>, grid: &TexelGrid) -> u64 {
     let info = placed.picture.info();
     let side = grid.tile as usize + 2 * GUTTER;

@@ -1,9 +1,10 @@
-//! Where a picture lies on the texel grid: an affine map from texels to pixels, its level, its outline.
+//! The place of a picture on the texel grid: an affine map from texels to pixels, its level, its
+//! outline.
 
 use std::ops::Range;
 use std::path::Path;
 
-use super::resample::Square;
+use super::square::Square;
 use super::{PlacedPicture, Resolution, TexelGrid};
 use crate::error::{Error, Result};
 use crate::geo::Geo;
@@ -12,7 +13,8 @@ use crate::source::picture::Picture;
 /// Levels of an imagery layer below the root, at most.
 pub(super) const MAX_LEVEL: u8 = 24;
 
-/// From continuous texel coordinates (column, row) to continuous pixel coordinates: `(a c + b r + x, d c + e r + y)`.
+/// From continuous texel coordinates (column, row) to continuous pixel coordinates:
+/// `(a c + b r + x, d c + e r + y)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Map {
     pub(super) a: f64,
@@ -26,36 +28,37 @@ pub(super) struct Map {
 /// A polygon of up to eight corners.
 type Polygon = Vec<(f64, f64)>;
 
-/// A picture in its place.
+/// A picture with its place.
 pub(super) struct Placed<'a> {
     pub(super) picture: &'a dyn Picture,
     /// The finest level that it is resampled to.
     pub(super) level: u8,
-    /// From texels of level 0.
+    /// The map from texels of level 0.
     map: Map,
     /// Its corners in texels of level 0.
     corners: [(f64, f64); 4],
-    /// Its least and greatest column, and row, of them.
+    /// Least and greatest column, and row, of its corners.
     bounds: ((f64, f64), (f64, f64)),
     /// Texels along the root square at level 0.
     tile: f64,
-    /// Those of them, along columns and rows, that lie over the lattice. A sample covers half an interval on each side.
+    /// Texels of level 0, along columns and rows, that lie over the lattice. A sample covers half
+    /// an interval on each side.
     extent: (f64, f64),
 }
 
 impl Map {
-    /// Of GDAL's geotransform: pixel to world.
+    /// The map of GDAL's geotransform: pixel to world.
     fn of(transform: &[f64; 6]) -> Self {
         let [x, a, b, y, d, e] = *transform;
         Self { a, b, x, d, e, y }
     }
 
-    /// Where a point is in pixels.
+    /// The pixel coordinates of a point.
     pub(super) fn apply(&self, c: f64, r: f64) -> (f64, f64) {
         (self.a * c + self.b * r + self.x, self.d * c + self.e * r + self.y)
     }
 
-    /// The map back; `None` of one that is flat.
+    /// The inverse map; `None` if the map is singular.
     fn inverse(&self) -> Option<Self> {
         let determinant = self.a * self.e - self.b * self.d;
         if determinant == 0.0 || !determinant.is_finite() {
@@ -66,7 +69,7 @@ impl Map {
         Some(Self { a, b, x: -(a * self.x + b * self.y), d, e, y: -(d * self.x + e * self.y) })
     }
 
-    /// `self` after `first`.
+    /// The composition: `self` after `first`.
     fn after(&self, first: &Self) -> Self {
         let (x, y) = self.apply(first.x, first.y);
         Self {
@@ -86,12 +89,13 @@ impl Map {
         Self { a: self.a * part, b: self.b * part, d: self.d * part, e: self.e * part, ..*self }
     }
 
-    /// Pixels that one texel spans along its columns and along its rows.
+    /// How many pixels one texel spans along columns and along rows.
     pub(super) fn steps(&self) -> (f64, f64) {
         (self.a.hypot(self.d), self.b.hypot(self.e))
     }
 
-    /// Columns and rows of pixels that a square of so many texels may need, wherever it lies: two more on each side.
+    /// Most columns and rows of pixels that a square of `side` texels needs, wherever it lies; with
+    /// two more on each side.
     pub(super) fn box_of(&self, side: f64) -> (f64, f64) {
         ((self.a.abs() + self.b.abs()) * side + 5.0, (self.d.abs() + self.e.abs()) * side + 5.0)
     }
@@ -103,7 +107,7 @@ impl Map {
 }
 
 impl<'a> Placed<'a> {
-    /// Finds the place of a picture over a lattice. Wholly outside the root square is an error.
+    /// Finds the place of a picture over a lattice. Fails if it lies wholly beside the lattice.
     pub(super) fn new(
         picture: &'a dyn Picture,
         geo: &Geo,
@@ -145,17 +149,17 @@ impl<'a> Placed<'a> {
         Err(wrong("it lies wholly beside the heights: are both in the same place and coordinate system?"))
     }
 
-    /// From texels of a level to pixels.
+    /// The map from texels of a level to pixels.
     pub(super) fn map(&self, level: u8) -> Map {
         self.map.at_level(level)
     }
 
-    /// For errors.
+    /// Its name, for errors.
     pub(super) fn name(&self) -> &Path {
         Path::new(&self.picture.info().note.name)
     }
 
-    /// For people.
+    /// Its description, for people.
     pub(super) fn describe(&self) -> PlacedPicture {
         PlacedPicture {
             note: self.picture.info().note.clone(),
@@ -165,13 +169,15 @@ impl<'a> Placed<'a> {
         }
     }
 
-    /// Pixels that a square of texels can need, with a margin; empty if it lies outside.
+    /// Columns and rows of pixels that a square of texels can need, with a margin; empty if it lies
+    /// outside.
     pub(super) fn window(&self, square: Square) -> (Range<u32>, Range<u32>) {
         let side = square.side as f64;
         self.pixels(square.level, (square.left as f64, square.top as f64), (side, side))
     }
 
-    /// False if it is known to have nothing to show on a rectangle of texels: its first column and row, its width and height.
+    /// False if the picture certainly has no texel to show in a rectangle, given by its first
+    /// column and row, width and height.
     pub(super) fn may_show(&self, level: u8, start: (f64, f64), size: (f64, f64)) -> bool {
         let texel = 0.5_f64.powi(i32::from(level));
         let apart = |(low, high): (f64, f64), start: f64, size: f64| {
@@ -198,19 +204,19 @@ impl<'a> Placed<'a> {
         (area(&part) / area(&self.corners)).min(1.0)
     }
 
-    /// Rows of tiles of a level that it touches.
+    /// Rows of tiles of a level that the picture touches.
     pub(super) fn rows(&self, level: u8) -> Range<u32> {
         let part = clip(&self.corners, (0.0, self.extent.0), (0.0, self.extent.1));
         self.tiles(level, part.iter().map(|corner| corner.1))
     }
 
-    /// Columns of tiles of a level that it touches.
+    /// Columns of tiles of a level that the picture touches.
     pub(super) fn all_columns(&self, level: u8) -> Range<u32> {
         let part = clip(&self.corners, (0.0, self.extent.0), (0.0, self.extent.1));
         self.tiles(level, part.iter().map(|corner| corner.0))
     }
 
-    /// Columns of tiles of a level that it touches in a row of them.
+    /// Columns of tiles of a level that the picture touches in row `row`.
     pub(super) fn columns(&self, level: u8, row: u32) -> Range<u32> {
         let side = self.tile / 2.0_f64.powi(i32::from(level));
         let (top, bottom) = (f64::from(row) * side, (f64::from(row) + 1.0) * side);
@@ -218,7 +224,8 @@ impl<'a> Placed<'a> {
         self.tiles(level, part.iter().map(|corner| corner.0))
     }
 
-    /// Tiles from the least to the greatest of some coordinates in texels of level 0, none if there are none.
+    /// Tiles from the least to the greatest of some coordinates in texels of level 0, none if there
+    /// are none.
     fn tiles(&self, level: u8, coordinates: impl Iterator<Item = f64>) -> Range<u32> {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         coordinates.for_each(|value| (low, high) = (low.min(value), high.max(value)));
@@ -240,7 +247,8 @@ fn span(coordinates: [f64; 4], pixels: u32) -> Range<u32> {
     low.floor().clamp(0.0, end) as u32..high.ceil().clamp(0.0, end) as u32
 }
 
-/// The level whose texels suit pixels of which a texel of level 0 spans so many; `None` if it is too deep.
+/// The level for a picture of whose pixels a texel of level 0 spans `steps`; `None` if it is too
+/// deep.
 fn level(steps: (f64, f64), resolution: Resolution) -> Option<u8> {
     let exact = (steps.0 * steps.1).sqrt().log2();
     // Rounding must not make two levels of one that fits.

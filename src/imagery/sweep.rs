@@ -1,10 +1,12 @@
-//! From pictures to tiles, from the finest level to the root, in rows from north to south.
+//! Makes tiles from pictures, from the finest level to the root, in rows from north to south.
 //!
-//! The texel (i, j) of a level has one value, whichever tile asks for it: where a tile of the next level is, the mean of its four texels,
-//! else the pictures that belong to this level or a coarser one, resampled. So gutters agree with neighbours whether those
-//! have children or not. Each tile leaves a [`Half`] for the level above; a tile there is made of the halves of its four children and of
-//! the twelve around them, which are known once the row of children below its own is. Memory therefore holds four rows of halves
-//! of each level, of tiles that exist, and no tile itself.
+//! Texel (i, j) of a level has the same value in every tile that stores it. Where a tile of the
+//! next level exists, it is the mean of four texels of that tile; elsewhere it comes from the
+//! pictures of this level or a coarser one, resampled. So gutters agree with the neighbours whether
+//! those have children or not. Each tile leaves a [`Half`] for the level above; a tile there is
+//! made of the halves of its four children and of the twelve around them, which are known once the
+//! row of children south of its own is made. So memory holds four rows of halves of each level, of
+//! existing tiles only, and no whole tiles.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -15,22 +17,24 @@ use rayon::prelude::*;
 use super::composite::Canvas;
 use super::half::Half;
 use super::place::Placed;
-use super::resample::{Square, resample};
+use super::resample::resample;
+use super::square::Square;
 use super::{GUTTER, TileSink, fill};
 use crate::error::{Error, Result};
 use crate::progress::{Progress, Stage};
 use crate::texel::{Colour, Texels};
 use crate::tile::TileId;
 
-/// Tiles of a level that are worked on together, about: enough for many threads, few enough that their halves need little memory.
+/// About how many tiles of a level are made together: enough for many threads, few enough that
+/// their halves take little memory.
 pub(super) const BATCH: usize = 96;
 
-/// What has been made.
+/// Counts of the tiles that have been made.
 #[derive(Debug, Default)]
 pub(super) struct Counts {
-    /// Tiles of each level.
+    /// Number of tiles of each level.
     pub(super) tiles: Vec<u64>,
-    /// Texels of leaf tiles, and the sum of their alphas.
+    /// Number of texels of leaf tiles; the sum of their alphas follows.
     pub(super) leaf_texels: u64,
     pub(super) leaf_alpha: u64,
 }
@@ -44,24 +48,24 @@ pub(super) struct Sweep<'a> {
     pub(super) progress: &'a dyn Progress,
 }
 
-/// How far one level is.
+/// The state of one level.
 struct Level {
     /// Rows of tiles that pictures touch.
     rows: Range<u32>,
-    /// Its first row that is not made yet.
+    /// The first row that is not made yet.
     next: u32,
-    /// What its tiles leave for their parents.
+    /// The halves of its tiles, for their parents.
     halves: HashMap<(u32, u32), Half>,
 }
 
-/// A tile that exists.
+/// A tile that has been made.
 struct Made {
     half: Half,
     leaf: bool,
     alpha: u64,
 }
 
-/// Tiles looked at, of how many.
+/// Tiles done, and most tiles.
 struct Counter<'a> {
     done: AtomicU64,
     total: u64,
@@ -78,12 +82,12 @@ impl Counter<'_> {
         self.stopped.store(true, Ordering::Relaxed);
     }
 
-    /// So many need not be looked at.
+    /// Counts `tiles` tiles that need no work.
     fn skip(&self, tiles: usize) {
         self.done.fetch_add(tiles as u64, Ordering::Relaxed);
     }
 
-    /// Counts one more; false if the task is to stop.
+    /// Counts one more tile; returns false if the task is to stop.
     fn step(&self) -> bool {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         self.progress.goes_on(Stage::Imagery, done, self.total)
@@ -120,7 +124,8 @@ impl Sweep<'_> {
         Level { next: rows.start, rows, halves: HashMap::new() }
     }
 
-    /// Makes all rows of a level whose children are made, some at a time, and after each time what can be made of them above.
+    /// Makes all rows of a level whose children are made, some at a time, and each time the rows
+    /// above that have become possible.
     fn climb(
         &self,
         levels: &mut [Level],
@@ -130,7 +135,7 @@ impl Sweep<'_> {
     ) -> Result<()> {
         loop {
             let ready = match levels.get(level + 1) {
-                // The row of children below those of a row must be there.
+                // The row of children south of those of a row must be made.
                 Some(below) if below.next < below.rows.end => below.next.saturating_sub(1) / 2,
                 _ => u32::MAX,
             };
@@ -150,7 +155,7 @@ impl Sweep<'_> {
         }
     }
 
-    /// Columns of tiles in a row that pictures of this very level touch.
+    /// Columns of tiles in a row that pictures of this level touch.
     fn own(&self, level: usize, row: u32) -> Vec<Range<u32>> {
         let own = self.placed.iter().filter(|placed| usize::from(placed.level) == level);
         let mut all: Vec<Range<u32>> = own
@@ -169,7 +174,8 @@ impl Sweep<'_> {
         apart
     }
 
-    /// Tiles of some rows that may exist, and whether pictures of their level may show there.
+    /// Tiles of some rows that may exist; true for those in which a picture of their level may
+    /// show.
     fn candidates(
         &self,
         level: usize,
@@ -183,13 +189,14 @@ impl Sweep<'_> {
             self.own(level, y).into_iter().for_each(|columns| self.shown(level, y, columns, &mut shown));
             all.extend(shown.into_iter().map(|x| (y, x, true)));
         }
-        // Of two that are one, that of a picture comes first.
+        // Of two entries for one tile, that of a picture comes first and stays.
         all.sort_unstable_by_key(|&(y, x, own)| (y, x, !own));
         all.dedup_by_key(|&mut (y, x, _)| (y, x));
         all.into_iter().map(|(y, x, own)| (TileId::new(level as u8, x, y), own)).collect()
     }
 
-    /// Those columns of a row where a picture of this very level may have something to show.
+    /// Appends to `found` the columns of a row in which a picture of this level may have a texel to
+    /// show.
     fn shown(&self, level: usize, row: u32, columns: Range<u32>, found: &mut Vec<u32>) {
         let (left, top) = (self.start(columns.start) as f64, self.start(row) as f64);
         let size = (self.tile * columns.len() + 2 * GUTTER, self.tile + 2 * GUTTER);
@@ -233,7 +240,7 @@ impl Sweep<'_> {
             rows.clone().flat_map(|row| self.own(level, row)).map(|columns| columns.len()).sum();
         progress.skip(touched - candidates.iter().filter(|(_, own)| *own).count());
         let made: Vec<Result<Option<(TileId, Made)>>> = in_turn(&candidates, make);
-        // An error of one tile interrupts the others: it is the one to report.
+        // The error of one tile interrupts the others; report that error, not the interruption.
         let is_cause =
             |made: &Result<_>| made.as_ref().is_err_and(|error| !matches!(error, Error::Interrupted));
         let cause = made.iter().position(is_cause);
@@ -253,7 +260,7 @@ impl Sweep<'_> {
         Ok(())
     }
 
-    /// Makes a tile and gives it to the sink; `None` if it is wholly transparent.
+    /// Makes a tile and passes it to the sink; `None` if it is wholly transparent.
     fn make(&self, id: TileId, halves: &HashMap<(u32, u32), Half>) -> Result<Option<Made>> {
         let cells = cells(id, halves);
         let quadrants = [(1, 1), (2, 1), (1, 2), (2, 2)];
@@ -285,12 +292,13 @@ impl Sweep<'_> {
         Ok(Some(Made { half, leaf: children == 0, alpha }))
     }
 
-    /// The first texel of a tile, its gutter counted.
+    /// First texel of a tile, gutter included.
     fn start(&self, index: u32) -> i64 {
         i64::from(index) * self.tile as i64 - GUTTER as i64
     }
 
-    /// Resamples the pictures of this level and of coarser ones. True if one of this level is seen inside the gutter.
+    /// The pictures of this level and of coarser ones, resampled to a square. True if one of this
+    /// level is visible inside the gutter.
     fn paint(&self, square: Square) -> Result<(Option<Canvas>, bool)> {
         let (mut canvas, mut own) = (None, false);
         // The last picture lies on top.
@@ -311,8 +319,8 @@ impl Sweep<'_> {
     }
 }
 
-/// What `make` makes of each, in their order. Threads take one after the other, so that all are at work near each other and want the same
-/// blocks of a picture.
+/// The results of `make` for all items, in order. Threads take one item after the other, so that
+/// they all work near each other and need the same blocks of a picture.
 fn in_turn<T: Sync, U: Send>(items: &[T], make: impl Fn(&T) -> U + Sync) -> Vec<U> {
     let next = AtomicUsize::new(0);
     let take = |_| {
@@ -329,7 +337,8 @@ fn in_turn<T: Sync, U: Send>(items: &[T], make: impl Fn(&T) -> U + Sync) -> Vec<
     made.into_iter().map(|(_, made)| made).collect()
 }
 
-/// What children of a tile and those around them have left: row by row, the tile's own in the middle.
+/// The halves of the children of a tile and of those around them, row by row, with its own in the
+/// middle.
 fn cells(id: TileId, halves: &HashMap<(u32, u32), Half>) -> [[Option<&Half>; 4]; 4] {
     let at = |start: u32, cell: usize| (2 * start + cell as u32).checked_sub(1);
     std::array::from_fn(|y| {

@@ -1,6 +1,7 @@
-//! Raw samples to codes: which are void, what integer stands for the others, and quantisation if asked for.
+//! Codes of raw samples: which samples are void, the integers of the others, and quantisation.
 //!
-//! Everything after this module works on what a reader will decode: quantise first, then measure errors.
+//! Everything after this module works on the values that a reader will decode: quantise first, then
+//! measure errors.
 
 use std::ops::Range;
 
@@ -9,18 +10,18 @@ use crate::sample::{Coding, SampleType, VALID, VOID, code_from_f32, code_from_f6
 use crate::simd::{self, Kernel};
 use crate::source::{Nodata, Samples, SourceInfo, Window};
 
-/// How raw samples become codes.
+/// The rules by which raw samples become codes.
 #[derive(Clone, Copy, Debug)]
 pub struct Recipe {
     /// The coding of the result.
     pub coding: Coding,
-    /// Samples of the source's type that are void; NaN and infinities are whatever it is.
+    /// Samples of the source's type that are void; NaN and infinities are always void.
     pub nodata: Nodata,
     /// True if values are rounded to multiples of the coding's scale.
     pub quantised: bool,
 }
 
-/// Codes that are added to one after the other.
+/// A list of codes under construction.
 #[derive(Clone, Debug, Default)]
 pub struct Codes {
     /// Codes.
@@ -32,7 +33,7 @@ pub struct Codes {
 }
 
 impl Codes {
-    /// Forgets all of them, and makes room for `count`.
+    /// Removes all codes, and reserves memory for `count`.
     pub fn restart(&mut self, count: usize, coding: Coding) {
         self.code.clear();
         self.code.reserve_exact(count);
@@ -42,7 +43,7 @@ impl Codes {
         self.low.reserve_exact(if coding.has_low() { count } else { 0 });
     }
 
-    /// Adds `count` void samples.
+    /// Appends `count` void samples.
     pub fn add_void(&mut self, count: usize, coding: Coding) {
         self.code.resize(self.code.len() + count, 0);
         self.state.resize(self.state.len() + count, VOID);
@@ -52,7 +53,7 @@ impl Codes {
     }
 }
 
-/// Integers to codes, without rounding.
+/// Kernel: codes of integers, without rounding.
 struct Integers<'a, T> {
     values: &'a [T],
     offset: i64,
@@ -90,11 +91,12 @@ impl Recipe {
         Self { coding, nodata: info.voids(), quantised: false }
     }
 
-    /// The recipe whose decoded values differ from the source's by at most half of `precision_m` metres, also after
-    /// they have been rounded to the source's own type. `max_magnitude` is the largest absolute value of the source.
+    /// The recipe whose decoded values differ from the source's by at most half of `precision_m`
+    /// metres, also after they have been rounded to the source's own type. `max_magnitude` is the
+    /// largest absolute value of the source.
     ///
-    /// A float32 `f` near the largest height is itself off by half a unit in the last place, so the step is
-    /// `precision - ulp`. An integer raster finer than the precision stays lossless.
+    /// A float32 `f` near the largest height is itself off by half a unit in the last place, so the
+    /// step is `precision - ulp`. An integer raster finer than the precision stays lossless.
     pub fn quantised(info: &SourceInfo, precision_m: f64, max_magnitude: f64) -> Result<Self> {
         let metres = info.band_scale.abs() * info.vertical_unit.0;
         let wanted = precision_m / metres;
@@ -125,7 +127,7 @@ impl Recipe {
         Ok(Self { coding: Coding::Integer { scale: step, offset: 0.0 }, quantised: true, ..lossless })
     }
 
-    /// Adds the codes of some samples of a window.
+    /// Appends the codes of some samples of a window.
     pub fn encode(&self, window: &Window, run: Range<usize>, out: &mut Codes) {
         let from = out.state.len();
         match &window.samples {
@@ -159,7 +161,7 @@ impl Recipe {
     }
 
     fn float32(&self, values: &[f32], out: &mut Codes) {
-        // Most rasters need fewer comparisons than there can be.
+        // Most rasters need only a few of the possible comparisons.
         match (self.nodata.near(), self.nodata.far()) {
             (None, None) => self.float32_where(values, f32::is_finite, out),
             (Some((low, high)), None) => {
@@ -195,7 +197,7 @@ impl Recipe {
         out.state.extend(values.iter().map(|&value| if is_valid(value) { VALID } else { VOID }));
     }
 
-    /// Adds values as the nearest multiples of the step, `None` as void.
+    /// Appends values as the nearest multiples of the step, `None` as void.
     fn add(&self, values: impl Iterator<Item = Option<f64>>, out: &mut Codes) {
         let Coding::Integer { scale, .. } = self.coding else { return };
         for value in values {

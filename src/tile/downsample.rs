@@ -1,8 +1,8 @@
-//! Four children to their parent: every second sample, untouched.
+//! The samples of a parent from its four children: every second one, unchanged.
 
 use crate::sample::{Lattice, VOID};
 
-/// The even samples of a tile: what its parent takes over. Writes over `out`.
+/// Sets `out` to the even samples of a tile, which its parent takes over.
 pub fn halve(child: &Lattice, out: &mut Lattice) {
     out.n = child.n / 2;
     even(&child.code, child.n, &mut out.code);
@@ -20,10 +20,10 @@ fn even<T: Copy>(plane: &[T], n: usize, out: &mut Vec<T>) {
     }
 }
 
-/// Puts the halved child of quadrant `quadrant` into its parent's lattice.
+/// Copies the halved child of quadrant `quadrant` into its parent's lattice.
 ///
-/// Children share a row and a column of the parent. A sample there is void in both or valid in both; a fill that only one of
-/// them knows is kept.
+/// Children share a row and a column of the parent. A sample there is void in both or valid in
+/// both; a fill that only one of them knows is kept.
 pub fn place(half: &Lattice, quadrant: u8, parent: &mut Lattice) {
     let (x0, y0) = (usize::from(quadrant & 1) * half.n, usize::from(quadrant >> 1) * half.n);
     for j in 0..=half.n {

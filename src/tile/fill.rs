@@ -1,28 +1,30 @@
-//! Fill heights of void samples that stand at an outline (`format-spec.md`, section 2).
+//! Fill heights of void samples at an outline (`format-spec.md`, section 2).
 //!
-//! The fill of a sample is the lower median of its valid neighbours at the finest spacing that has any: a function of the
-//! whole lattice, not of a tile, so that tiles agree on shared samples. A leaf tile settles spacings 1 to T; at each
-//! coarser level only one spacing is new, T, and only the four corners are born that coarse. What a
-//! tile looks at never reaches farther than its eight neighbours.
+//! The fill of a sample is the lower median of its valid neighbours at the finest spacing that has
+//! any: a function of the whole lattice, not of a tile, so that tiles agree on shared samples. A
+//! leaf tile settles spacings 1 to T; at each coarser level only one spacing is new, T, and only
+//! the four corners belong to it. A tile never needs samples beyond its eight neighbours.
 
 use crate::sample::state;
 use crate::sample::{FILLED, Lattice, VALID, VOID};
 use crate::simd::{self, Kernel};
 
-/// A tile's lattice amid its eight neighbours, `[row][column]`, the tile itself at `[1][1]`. All of one size.
+/// A tile's lattice and its eight neighbours, `[row][column]`, the tile itself at `[1][1]`. All of
+/// one size.
 pub struct Neighbourhood<'a>(pub [[Option<&'a Lattice>; 3]; 3]);
 
-/// A fill to be written: index in the lattice, code, low.
+/// A fill: index in the lattice, code, low.
 pub type Fill = (u32, i32, u32);
 
-/// Finds the void samples of a row that have a valid one around them: most in a large void have none.
+/// Kernel: finds the void samples of a row that have a valid one around them; most samples of a
+/// large void have none.
 struct NearValid<'a> {
     row: &'a [u8],
-    /// See [`Neighbourhood::rows`].
+    /// The rows of [`Neighbourhood::rows`].
     around: [[&'a [u8]; 3]; 3],
-    /// `VOID` throughout, as many as a row of those three parts has.
+    /// All `VOID` at first, one for each sample of a row of those three parts.
     best: &'a mut [u8],
-    /// Set to 1 for each of those samples, to 0 for others.
+    /// Set to 1 for each sample found, else to 0.
     open: &'a mut [u8],
 }
 
@@ -48,7 +50,7 @@ impl Kernel for NearValid<'_> {
     }
 }
 
-/// Raises `best` to `states`, of which `VALID` is the greatest, where there are any.
+/// Raises `best` to `states`, if there are any. `VALID` is the greatest state.
 #[inline(always)]
 fn greatest(best: &mut [u8], states: &[u8]) {
     let count = best.len().min(states.len());
@@ -71,8 +73,9 @@ impl Neighbourhood<'_> {
         }
     }
 
-    /// Fills of the tile's void samples that are settled at spacings `from..=to` (powers of two, in samples of this level), plus
-    /// those that a neighbour's copy of a border sample already has.
+    /// The fills of the tile's void samples that spacings `from..=to` give (powers of two, in
+    /// samples of this level), and the fills that a neighbour's copy of a border sample has
+    /// already.
     pub fn fills(&self, from: usize, to: usize) -> Vec<Fill> {
         let mut fills = Vec::new();
         let Some(tile) = self.0[1][1] else { return fills };
@@ -84,7 +87,7 @@ impl Neighbourhood<'_> {
         let (mut best, mut open) = (Vec::new(), Vec::new());
         let mut spacing = from;
         while spacing <= to {
-            // Only samples whose column and row are multiples of a spacing are settled by it.
+            // A spacing gives fills only to samples whose column and row are multiples of it.
             for (y, row) in state.chunks_exact_mut(tile.n + 1).enumerate().step_by(spacing) {
                 if !has_void(row) {
                     continue;
@@ -95,7 +98,7 @@ impl Neighbourhood<'_> {
                 let around = self.rows(tile.n, y, spacing);
                 simd::run(NearValid { row, around, best: &mut best, open: &mut open });
                 state::each_place(&open, 1, |x| {
-                    // A power of two.
+                    // The spacing is a power of two.
                     if x & (spacing - 1) == 0
                         && let Some((code, low)) = self.median(tile, x, y, spacing)
                     {
@@ -110,8 +113,8 @@ impl Neighbourhood<'_> {
         fills
     }
 
-    /// States of row `y` and the rows `spacing` away: in the tile, `spacing` samples to the west of it and as many to the
-    /// east; empty where there is no tile.
+    /// The states of row `y` and the rows `spacing` away: in the tile, `spacing` samples to the
+    /// west of it and as many to the east; empty where there is no tile.
     fn rows(&self, n: usize, y: usize, spacing: usize) -> [[&[u8]; 3]; 3] {
         [-1, 0, 1].map(|step| {
             let (ty, j) = place(n, y as isize + step * spacing as isize);
@@ -122,7 +125,7 @@ impl Neighbourhood<'_> {
         })
     }
 
-    /// Border samples whose fill a neighbouring tile has from its own children.
+    /// Adds the fills of border samples that a neighbouring tile has from its own children.
     fn adopt(&self, tile: &Lattice, state: &mut [u8], fills: &mut Vec<Fill>) {
         let n = tile.n;
         let border = (0..=n).flat_map(|i| [(i, 0), (i, n), (0, i), (n, i)]);
@@ -147,7 +150,7 @@ impl Neighbourhood<'_> {
         }
     }
 
-    /// Lower median of the valid samples among the eight at distance `spacing`.
+    /// The lower median of the valid samples among the eight at distance `spacing`.
     fn median(&self, tile: &Lattice, x: usize, y: usize, spacing: usize) -> Option<(i32, u32)> {
         let inside = |v: usize| v >= spacing && v + spacing <= tile.n;
         if inside(x) && inside(y) {
@@ -183,9 +186,10 @@ fn median_inside(tile: &Lattice, x: usize, y: usize, spacing: usize) -> Option<(
     near.median()
 }
 
-/// The valid ones of eight samples.
+/// The valid ones of up to eight samples.
 struct Near {
-    /// Code and low as one number each, of the same order: those are quicker to sort. The greatest of all in the other places.
+    /// Code and low of each as one number of the same order, which is quicker to sort; the greatest
+    /// number for samples that do not count.
     heights: [i64; 8],
     count: usize,
 }
@@ -197,17 +201,18 @@ impl Default for Near {
 }
 
 impl Near {
-    /// Takes a sample (state, code, low) if it is valid.
+    /// Adds a sample (state, code, low) if it is valid.
     #[inline(always)]
     fn take(&mut self, place: usize, (state, code, low): (u8, i32, u32)) {
-        // All ones of a sample that does not count: there is no telling which do, so no branch that could guess.
+        // All ones if the sample does not count. Which do is random, so a branch would be predicted
+        // badly.
         let out = -i64::from(state != VALID);
         let height = i64::from(code) << 32 | i64::from(low);
         self.heights[place] = (height & !out) | (out & i64::MAX);
         self.count += (out + 1) as usize;
     }
 
-    /// The lower median of those taken.
+    /// The lower median of the samples added.
     #[inline(always)]
     fn median(self) -> Option<(i32, u32)> {
         let median = state::median_of(self.heights, self.count)?;
@@ -215,8 +220,9 @@ impl Near {
     }
 }
 
-/// Number of the tile that has column or row `v`, -n..=2n from the own tile's first (0 before, 1 the own, 2 after), and
-/// which of its columns or rows that is. Those on the own tile's border are taken from there, not from the neighbours' copies.
+/// The tile that has column or row `v`, -n..=2n from the own tile's first (0 before, 1 the own, 2
+/// after), and the index of the column or row in it. Samples on the own tile's border are taken
+/// from the own tile, not from the neighbours' copies.
 fn place(n: usize, v: isize) -> (usize, usize) {
     match usize::try_from(v) {
         Ok(v) if v <= n => (1, v),
@@ -225,7 +231,8 @@ fn place(n: usize, v: isize) -> (usize, usize) {
     }
 }
 
-/// Coordinate of a border sample in the tile at offset `tile` (0 before, 1 same, 2 after); `None` if that tile does not have it.
+/// Coordinate of a border sample in the tile at offset `tile` (0 before, 1 same, 2 after); `None`
+/// if that tile does not have it.
 fn mirror(v: usize, tile: usize, n: usize) -> Option<usize> {
     match (tile, v) {
         (1, v) => Some(v),
@@ -235,8 +242,10 @@ fn mirror(v: usize, tile: usize, n: usize) -> Option<usize> {
     }
 }
 
-/// Fills the void samples inside a leaf tile that have a valid one beside them, as [`Neighbourhood::fills`] would, which has less to do then:
-/// most fills are these, and nobody else is needed for them, so they are best found while the tile is in the processor's cache.
+/// Fills the void samples inside a leaf tile that have a valid one beside them, as
+/// [`Neighbourhood::fills`] would. Most fills are these, and they need no other tile, so they are
+/// best made while the tile is in the processor's cache; fewer are left for
+/// [`Neighbourhood::fills`].
 pub fn inside(tile: &mut Lattice) {
     if state::all_valid(&tile.state) {
         return;
@@ -260,7 +269,7 @@ pub fn inside(tile: &mut Lattice) {
     }
 }
 
-/// Writes fills into their tile.
+/// Writes fills into a tile.
 pub fn apply(lattice: &mut Lattice, fills: &[Fill]) {
     for &(index, code, low) in fills {
         put(lattice, (index as usize, code, low));
@@ -277,7 +286,7 @@ fn put(lattice: &mut Lattice, (index, code, low): (usize, i32, u32)) {
 
 /// True if one of some samples is void.
 fn has_void(states: &[u8]) -> bool {
-    // The least of all: no early end, so that the compiler makes vectors of it.
+    // The least state of all, without an early end, so that the compiler uses vectors.
     states.iter().fold(VALID, |least, &state| state.min(least)) == VOID
 }
 
@@ -286,7 +295,8 @@ mod tests {
     use super::*;
     use crate::sample::Coding;
 
-    /// Tiles of `n` intervals cut from one lattice of `3 n`, in which `valid` of 100 samples are valid.
+    /// Tiles of `n` intervals cut from one lattice of `3 n`, in which `valid` of 100 samples are
+    /// valid.
     fn tiles(n: usize, valid: usize, coding: Coding, seed: &mut u32) -> [[Lattice; 3]; 3] {
         let mut random = |below: usize| {
             *seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

@@ -1,4 +1,5 @@
-//! Tiles as they are made: raw samples to codes, a band into tiles, heights for voids, every second sample for a parent.
+//! How tiles are made: codes of raw samples, tiles of a band, fill heights of voids, and every
+//! second sample for the parent.
 
 pub mod code;
 pub mod downsample;

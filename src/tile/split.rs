@@ -1,13 +1,14 @@
-//! A band of raster rows to leaf tiles with shared borders.
+//! Splits a band of raster rows into leaf tiles with shared borders.
 
 use crate::sample::{Lattice, VALID};
 use crate::source::Window;
 use crate::tile::code::{Codes, Recipe};
 
-/// Leaf tile in column `x` of a band: `n + 1` columns from `x * n` on, `n + 1` rows from the band's first.
+/// Sets `out` to the leaf tile in column `x` of a band: `n + 1` columns from `x * n` on, `n + 1`
+/// rows from the band's first. Returns false if the tile has no valid sample, that is, does not
+/// exist.
 ///
-/// `band` holds at most `n + 1` rows of `width` samples; what lies right of it or below is void.
-/// Writes over `out`; gives `false` if the tile has no valid sample, that is, does not exist.
+/// `band` holds at most `n + 1` rows of `width` samples; samples east or south of it are void.
 pub fn leaf((band, width): (&Window, usize), x: usize, n: usize, recipe: &Recipe, out: &mut Lattice) -> bool {
     let first = x * n;
     let columns = (n + 1).min(width.saturating_sub(first));

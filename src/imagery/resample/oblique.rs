@@ -1,25 +1,24 @@
-//! Pictures that are turned or sheared against the texel grid: linear interpolation at points spread evenly over each texel, as many
-//! along each of its sides as it spans pixels.
+//! Pictures that are turned or sheared against the texel grid: linear interpolation at points
+//! spread evenly over each texel, as many along each of its sides as it spans pixels.
 
 use std::ops::Range;
 
-use super::light::TABLES;
-use super::place::{Map, Placed};
-use super::resample::{EDGE, Layer, Square, settle};
+use super::super::light::TABLES;
+use super::super::place::{Map, Placed};
+use super::super::square::{EDGE, Layer, Square, texel};
 use crate::error::Result;
 use crate::source::picture::Pixels;
 use crate::texel::Colour;
 
-/// A window of pixels.
+/// A window of pixels of a picture.
 struct Window {
     pixels: Pixels,
     columns: Range<u32>,
     rows: Range<u32>,
 }
 
-/// A picture on a square of texels; `None` if it does not touch it.
-pub(super) fn resample(placed: &Placed<'_>, square: Square) -> Result<Option<Layer>> {
-    let map = placed.map(square.level);
+/// The texels of a picture in a square; `None` if it does not touch the square.
+pub(super) fn resample(placed: &Placed<'_>, map: &Map, square: Square) -> Result<Option<Layer>> {
     let info = placed.picture.info();
     let (columns, rows) = placed.window(square);
     if columns.is_empty() || rows.is_empty() {
@@ -29,11 +28,12 @@ pub(super) fn resample(placed: &Placed<'_>, square: Square) -> Result<Option<Lay
     let window = Window { pixels, columns, rows };
     let size = (f64::from(info.width), f64::from(info.height));
     Ok(match info.kind {
-        Colour::Grey => texels::<1, 2>(&window, &map, square, size, Colour::Grey),
-        Colour::Rgb => texels::<3, 4>(&window, &map, square, size, Colour::Rgb),
+        Colour::Grey => texels::<1, 2>(&window, map, square, size, Colour::Grey),
+        Colour::Rgb => texels::<3, 4>(&window, map, square, size, Colour::Rgb),
     })
 }
 
+/// Texels of `C` numbers of colour, `K` with alpha.
 fn texels<const C: usize, const K: usize>(
     window: &Window,
     map: &Map,
@@ -62,14 +62,15 @@ fn texels<const C: usize, const K: usize>(
             let (u, v) = map.apply(c + x / f64::from(across), r + y / f64::from(down));
             interpolate::<C, K>(window, size, (u - 0.5, v - 0.5), part, &mut sums);
         }
-        *alpha = settle::<C, K>(sums, colour);
+        *alpha = texel::<C, K>(sums, colour);
     }
     let shows = alpha.iter().any(|&a| a > 0);
     let alpha = alpha.iter().any(|&a| a < 255).then_some(alpha);
     shows.then_some(Layer { kind, colour, alpha })
 }
 
-/// Adds `part` of the light between four pixel centres; beyond the edge the nearest pixel counts.
+/// Adds `part` of the light at a point between four pixel centres. Outside the picture the nearest
+/// pixel counts.
 fn interpolate<const C: usize, const K: usize>(
     window: &Window,
     size: (f64, f64),

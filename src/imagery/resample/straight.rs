@@ -1,92 +1,17 @@
-//! One picture onto a square of texels.
-//!
-//! Along an axis on which a texel spans at most one pixel the picture is interpolated linearly between pixel centres, else averaged over
-//! the pixels that the texel covers, each by its share. A texel belongs to a picture if its centre lies in it: pictures that abut
-//! leave no seam. Pixels outside do not count, nor do transparent ones for the colour. Every texel is computed from its own
-//! coordinates alone, in one order, so that two squares that share it agree bit for bit.
+//! Pictures whose columns are columns of texels: both axes are resampled one after the other.
 
 use std::ops::Range;
 
-use super::light::TABLES;
-use super::oblique;
-use super::place::Placed;
+use super::super::light::TABLES;
+use super::super::place::{Map, Placed};
+use super::super::square::{EDGE, Layer, Square, texel};
 use crate::error::Result;
 use crate::simd::{self, Kernel};
 use crate::source::picture::Pixels;
 use crate::texel::Colour;
 
-/// Fraction of a pixel by which a centre may lie outside: rounding must not open a gap between two pictures.
-pub(super) const EDGE: f64 = 1e-6;
-
-/// A square of texels of a level.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Square {
-    pub(super) level: u8,
-    /// The first column and row; those of a gutter may be negative.
-    pub(super) left: i64,
-    pub(super) top: i64,
-    pub(super) side: usize,
-}
-
-/// Resampled texels of a square, row by row. Colours of transparent ones are 0.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Layer {
-    pub(super) kind: Colour,
-    pub(super) colour: Vec<u8>,
-    /// `None` if all are opaque.
-    pub(super) alpha: Option<Vec<u8>>,
-}
-
-/// Pixels that texels of one axis are made of.
-pub(super) struct Axis {
-    /// Pixels of each texel.
-    taps: usize,
-    /// The first pixel of each texel; `None` if its centre is outside.
-    first: Vec<Option<u32>>,
-    /// `taps` weights for each texel, of sum 1.
-    weights: Vec<f32>,
-}
-
-impl Axis {
-    /// Texels from `start` on, of which texel `i` spans pixels `scale i + offset` to `scale (i + 1) + offset`.
-    pub(super) fn new(scale: f64, offset: f64, start: i64, count: usize, pixels: u32) -> Self {
-        let shrinks = scale.abs() > 1.0;
-        let taps = if shrinks { scale.abs().ceil() as usize + 1 } else { 2 }.min(pixels as usize);
-        let mut axis = Self { taps, first: Vec::with_capacity(count), weights: vec![0.0; count * taps] };
-        let end = f64::from(pixels);
-        for (texel, weights) in (start..).zip(axis.weights.chunks_exact_mut(taps)).take(count) {
-            let centre = scale * (texel as f64 + 0.5) + offset;
-            if !(-EDGE..=end + EDGE).contains(&centre) {
-                axis.first.push(None);
-                continue;
-            }
-            let half = if shrinks { scale.abs() / 2.0 } else { 0.5 };
-            let (low, high) = (centre - half, centre + half);
-            let first = low.max(0.0).floor().min(end - taps as f64) as u32;
-            // A line between two pixel centres weighs them as a window of one pixel does; what it lacks at an edge goes to the edge.
-            let share = |pixel: f64| ((pixel + 1.0).min(high) - pixel.max(low)).max(0.0);
-            let inside: f64 = (0..taps).map(|tap| share(f64::from(first) + tap as f64)).sum();
-            for (tap, weight) in weights.iter_mut().enumerate() {
-                *weight = (share(f64::from(first) + tap as f64) / inside) as f32;
-            }
-            axis.first.push(Some(first));
-        }
-        axis
-    }
-
-    /// The pixels that its texels need; `None` if all are outside.
-    fn pixels(&self) -> Option<Range<u32>> {
-        let first = self.first.iter().flatten();
-        Some(*first.clone().min()?..*first.max()? + self.taps as u32)
-    }
-}
-
-/// A picture on a square of texels; `None` if it does not touch it.
-pub(super) fn resample(placed: &Placed<'_>, square: Square) -> Result<Option<Layer>> {
-    let map = placed.map(square.level);
-    if !map.is_straight() {
-        return oblique::resample(placed, square);
-    }
+/// The texels of a picture in a square; `None` if it does not touch the square.
+pub(super) fn resample(placed: &Placed<'_>, map: &Map, square: Square) -> Result<Option<Layer>> {
     let info = placed.picture.info();
     let columns = Axis::new(map.a, map.x, square.left, square.side, info.width);
     let rows = Axis::new(map.e, map.y, square.top, square.side, info.height);
@@ -105,7 +30,53 @@ pub(super) fn resample(placed: &Placed<'_>, square: Square) -> Result<Option<Lay
     })
 }
 
-/// What is resampled: a window of pixels that begins at `origin`.
+/// The pixels, and their weights, that the texels along one axis are made of.
+struct Axis {
+    /// How many pixels each texel is made of.
+    taps: usize,
+    /// The first pixel of each texel; `None` if its centre is outside.
+    first: Vec<Option<u32>>,
+    /// `taps` weights for each texel, of sum 1.
+    weights: Vec<f32>,
+}
+
+impl Axis {
+    /// The axis of `count` texels from `start` on: texel `i` spans pixels `scale i + offset` to
+    /// `scale (i + 1) + offset`.
+    fn new(scale: f64, offset: f64, start: i64, count: usize, pixels: u32) -> Self {
+        let shrinks = scale.abs() > 1.0;
+        let taps = if shrinks { scale.abs().ceil() as usize + 1 } else { 2 }.min(pixels as usize);
+        let mut axis = Self { taps, first: Vec::with_capacity(count), weights: vec![0.0; count * taps] };
+        let end = f64::from(pixels);
+        for (texel, weights) in (start..).zip(axis.weights.chunks_exact_mut(taps)).take(count) {
+            let centre = scale * (texel as f64 + 0.5) + offset;
+            if !(-EDGE..=end + EDGE).contains(&centre) {
+                axis.first.push(None);
+                continue;
+            }
+            let half = if shrinks { scale.abs() / 2.0 } else { 0.5 };
+            let (low, high) = (centre - half, centre + half);
+            let first = low.max(0.0).floor().min(end - taps as f64) as u32;
+            // Linear interpolation between two pixel centres has the weights of a window of one
+            // pixel. At an edge the pixel there gets the rest of the weight.
+            let share = |pixel: f64| ((pixel + 1.0).min(high) - pixel.max(low)).max(0.0);
+            let inside: f64 = (0..taps).map(|tap| share(f64::from(first) + tap as f64)).sum();
+            for (tap, weight) in weights.iter_mut().enumerate() {
+                *weight = (share(f64::from(first) + tap as f64) / inside) as f32;
+            }
+            axis.first.push(Some(first));
+        }
+        axis
+    }
+
+    /// The range of pixels that its texels need; `None` if all are outside.
+    fn pixels(&self) -> Option<Range<u32>> {
+        let first = self.first.iter().flatten();
+        Some(*first.clone().min()?..*first.max()? + self.taps as u32)
+    }
+}
+
+/// A window of pixels that begins at `origin`, and the axes it is resampled along.
 struct Straight<'a> {
     pixels: &'a Pixels,
     width: usize,
@@ -114,17 +85,19 @@ struct Straight<'a> {
     rows: &'a Axis,
 }
 
-/// Rows of light that were made last.
+/// A ring of the rows of light that were made last.
 struct Rows {
     slots: Vec<(Option<u32>, Vec<f32>)>,
 }
 
 impl Rows {
+    /// A ring of `taps` rows.
     fn new(taps: usize, length: usize) -> Self {
         Self { slots: vec![(None, vec![0.0; length]); taps] }
     }
 
-    /// The weighted sum of `weights.len()` rows from `first` on, each made by `make` if it is not here.
+    /// Sets `out` to the weighted sum of `weights.len()` rows from `first` on, each made by `make`
+    /// if it is not in the ring.
     #[inline(always)]
     fn sum(&mut self, first: u32, weights: &[f32], out: &mut [f32], make: impl Fn(u32, &mut [f32])) {
         let taps = self.slots.len();
@@ -155,7 +128,7 @@ fn dot<const C: usize>(row: &[f32], weights: &[f32]) -> [f32; C] {
     sum
 }
 
-/// All pixels opaque, all texels inside.
+/// Kernel: resamples where all pixels are opaque and all texels inside.
 struct Opaque<'a, const C: usize>(&'a Straight<'a>);
 
 impl<const C: usize> Kernel for Opaque<'_, C> {
@@ -187,7 +160,7 @@ impl<const C: usize> Kernel for Opaque<'_, C> {
     }
 }
 
-/// A row of texels, `N` pixels each.
+/// Sets `out` to a row of texels, each made of `N` pixels.
 #[inline(always)]
 fn across<const C: usize, const N: usize>(axis: &Axis, origin: u32, light: &[f32], out: &mut [[u8; C]]) {
     let tables = &*TABLES;
@@ -201,7 +174,7 @@ fn across<const C: usize, const N: usize>(axis: &Axis, origin: u32, light: &[f32
     }
 }
 
-/// A row of texels, any number of pixels each.
+/// Sets `out` to a row of texels, each made of any number of pixels.
 #[inline(always)]
 fn across_any<const C: usize>(axis: &Axis, origin: u32, light: &[f32], out: &mut [[u8; C]]) {
     let tables = &*TABLES;
@@ -215,7 +188,8 @@ fn across_any<const C: usize>(axis: &Axis, origin: u32, light: &[f32], out: &mut
     }
 }
 
-/// Some pixels transparent or some texels outside: `C` numbers of colour, multiplied by alpha, and alpha, `K` in all.
+/// Kernel: resamples where some pixels are transparent or some texels outside. A pixel is `C`
+/// numbers of colour, multiplied by alpha, and alpha, `K` in all.
 struct Sheer<'a, const C: usize, const K: usize>(&'a Straight<'a>);
 
 impl<const C: usize, const K: usize> Kernel for Sheer<'_, C, K> {
@@ -245,7 +219,7 @@ impl<const C: usize, const K: usize> Kernel for Sheer<'_, C, K> {
             for ((first, weights), (colour, alpha)) in across.zip(out) {
                 let Some(first) = first else { continue };
                 let row = &light[(first - origin.0) as usize * K..][..K * columns.taps];
-                *alpha = settle::<C, K>(dot::<K>(row, weights), colour);
+                *alpha = texel::<C, K>(dot::<K>(row, weights), colour);
             }
         }
         let shows = alpha.iter().any(|&a| a > 0);
@@ -254,7 +228,8 @@ impl<const C: usize, const K: usize> Kernel for Sheer<'_, C, K> {
     }
 }
 
-/// Light of pixels multiplied by their alpha, 0 to 1, which follows it.
+/// Sets `out` to the light of pixels, multiplied by their alpha (0 to 1), each followed by its
+/// alpha.
 #[inline(always)]
 fn sheer_row<const C: usize, const K: usize>(bytes: &[u8], alpha: Option<&[u8]>, out: &mut [f32]) {
     let tables = &*TABLES;
@@ -267,18 +242,4 @@ fn sheer_row<const C: usize, const K: usize>(bytes: &[u8], alpha: Option<&[u8]>,
         }
         out[C] = opacity;
     }
-}
-
-/// Colour and alpha of a texel from its sums. One that is opaque is not divided: it is what it would be among opaque ones.
-#[inline(always)]
-pub(super) fn settle<const C: usize, const K: usize>(sums: [f32; K], colour: &mut [u8; C]) -> u8 {
-    let opacity = sums[C];
-    let alpha = (opacity * 255.0 + 0.5) as u8;
-    if alpha > 0 {
-        let divisor = if alpha == 255 { 1.0 } else { opacity };
-        for (colour, sum) in colour.iter_mut().zip(sums) {
-            *colour = TABLES.byte((sum / divisor).min(16384.0));
-        }
-    }
-    alpha
 }
