@@ -1,8 +1,8 @@
 //! The one error type of the library, sorted by whose fault it is.
 //!
-//! A message says what is wrong, where (file and place in it), what was expected and what to do.
-//! Names and texts of files are in it as [`printable`] has them: a message is one line, and does nothing to a terminal. Nothing here
-//! prints: the command line does, once.
+//! A message says what is wrong, where (file and place in it), what was expected, and what to do.
+//! Names and texts of files go through [`printable`]: a message is one line and has no control
+//! characters. Nothing here prints; the command line does, once.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use crate::text::printable;
 /// `Result` with [`Error`].
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// What went wrong, by whose fault.
+/// An error, by whose fault it is.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -29,11 +29,11 @@ pub enum Error {
     /// The file is damaged or is not what its name says.
     #[error("{}{}: expected {}, got {}", prefix(.path), printable(.place), printable(.expected), printable(.got))]
     Format {
-        /// The file in question; empty while the bytes are not known to come from one.
+        /// The file; empty while the bytes are not known to come from one.
         path: PathBuf,
         /// Where in it: a tag, a chunk, an offset.
         place: String,
-        /// What a good file has there.
+        /// What a sound file has there.
         expected: String,
         /// What this one has.
         got: String,
@@ -163,7 +163,7 @@ impl Error {
         }
     }
 
-    /// The same error with the file it concerns, unless it names one already.
+    /// The same error with the file it concerns, unless it names a file already.
     #[must_use]
     pub fn at(mut self, file: &Path) -> Self {
         match &mut self {

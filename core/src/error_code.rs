@@ -1,4 +1,5 @@
-//! Geometric errors as 16-bit codes, rounded up: the upper half of a positive f32 (`format-spec.md`, section 10).
+//! Geometric errors as 16-bit codes, rounded up: the upper half of a positive f32
+//! (`format-spec.md`, section 10).
 
 /// Code of infinity: the bound exceeds what an f32 holds.
 pub const MAX_CODE: u16 = 0xFF00;
@@ -13,7 +14,7 @@ pub fn code_from_metres(metres: f64) -> u16 {
     }
     let nearest = metres as f32;
     let up = if f64::from(nearest) < metres { nearest.next_up() } else { nearest };
-    // 15 low bits go; anything in them carries into the next code.
+    // 15 low bits are dropped; if one of them is set the code is the next.
     (up.to_bits().div_ceil(1 << 15)) as u16
 }
 

@@ -1,14 +1,15 @@
-//! Where a lattice lies: geotransform, coordinate system, and metres of a sample step.
+//! The georeference of a lattice: geotransform, coordinate system, and metres of a sample step.
 //!
-//! Sample (column, row) stands at its pixel's centre. Here, and only here, half pixels are added: the stored
-//! geotransform is GDAL's (it maps pixel *corners*, PixelIsArea and PixelIsPoint folded into one).
+//! Sample (column, row) is at the centre of its pixel. Here, and only here, half pixels are added:
+//! the stored geotransform is GDAL's (it maps pixel *corners*, PixelIsArea and PixelIsPoint folded
+//! into one).
 
 mod scale;
 
 pub use scale::{Plane, Planes, Scale};
 use serde::{Deserialize, Serialize};
 
-/// What the horizontal coordinates are.
+/// The kind of the horizontal coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CrsKind {
@@ -16,12 +17,13 @@ pub enum CrsKind {
     Geographic,
     /// Easting and northing, in `unit` metres.
     Projected,
-    /// Nothing known: coordinates in `unit` metres (1 unless the file says otherwise), as for seismic grids and models.
+    /// Nothing known: coordinates in `unit` metres (1 unless the file says otherwise), as for
+    /// seismic grids and models.
     #[default]
     Engineering,
 }
 
-/// Ellipsoid of revolution.
+/// An ellipsoid of revolution.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ellipsoid {
     /// Semi-major axis in metres.
@@ -30,10 +32,10 @@ pub struct Ellipsoid {
     pub inverse_flattening: f64,
 }
 
-/// WGS 84, taken where a geographic CRS does not name its ellipsoid.
+/// WGS 84, used if a geographic CRS does not name its ellipsoid.
 pub const WGS84: Ellipsoid = Ellipsoid { a: 6_378_137.0, inverse_flattening: 298.257_223_563 };
 
-/// GeoTIFF keys of the source as they were, so that an export writes them back unchanged.
+/// The GeoTIFF keys of the source, which an export writes back unchanged.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct GeoKeys {
     /// Tag 34735.
@@ -46,7 +48,7 @@ pub struct GeoKeys {
     pub ascii: String,
 }
 
-/// Coordinate reference system, as far as the file tells.
+/// A coordinate reference system, as far as the file states it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Crs {
     /// Geographic, projected or unknown.
@@ -55,7 +57,8 @@ pub struct Crs {
     pub epsg: Option<u32>,
     /// Name for people; empty if unknown.
     pub name: String,
-    /// OGC WKT 2 of the horizontal part where it could be written, else the source's own text; empty if there is none.
+    /// OGC WKT 2 of the horizontal part if it could be written, else the source's own text; empty
+    /// if there is none.
     pub wkt: String,
     /// Ellipsoid, for metres of a degree.
     pub ellipsoid: Ellipsoid,
@@ -66,7 +69,7 @@ pub struct Crs {
     /// Name of the vertical CRS or datum, for people; empty if the file names none.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub vertical_name: String,
-    /// True if that system counts downwards: the samples are depths.
+    /// True if the vertical system counts downwards: the samples are depths.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub vertical_down: bool,
     /// The source's own keys.
@@ -91,8 +94,9 @@ impl Default for Crs {
     }
 }
 
-/// Metres of one step along a column and along a row of a tile: upper bounds over the whole tile, such that the
-/// distance of two of its samples `i` columns and `j` rows apart is at most `hypot(i * dx, j * dy)`.
+/// Metres of one step along a column and along a row of a tile: upper bounds over the whole tile,
+/// such that the distance of two of its samples `i` columns and `j` rows apart is at most
+/// `hypot(i * dx, j * dy)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spacing {
     /// Metres from one column to the next.
@@ -104,9 +108,10 @@ pub struct Spacing {
 /// Georeference of a raster.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Geo {
-    /// GDAL geotransform (x0, dx/col, dx/row, y0, dy/col, dy/row) of pixel corners; `None` if the file has none.
+    /// GDAL geotransform (x0, dx/col, dx/row, y0, dy/col, dy/row) of pixel corners; `None` if the
+    /// file has none.
     pub transform: Option<[f64; 6]>,
-    /// True if the source said PixelIsPoint; only an export cares.
+    /// True if the source said PixelIsPoint; only an export needs it.
     pub pixel_is_point: bool,
     /// The coordinate system.
     pub crs: Crs,
@@ -165,11 +170,13 @@ impl Geo {
         )
     }
 
-    /// Metres of a sample step over rows `rows` (inclusive) and columns `columns` of the lattice, rounded up.
+    /// Metres of a sample step over rows `rows` (inclusive) and columns `columns` of the lattice,
+    /// rounded up.
     ///
-    /// Projected and engineering: lengths of the column and row vectors. Geographic: arcs of the ellipsoid at the
-    /// latitude of the range where they are longest. A sheared geotransform (column and row vector not at right
-    /// angles) is covered by the factor `sqrt(1 + |cos|)` of their angle: `|iu + jv|^2 <= (1 + |cos|)(|iu|^2 + |jv|^2)`.
+    /// Projected and engineering: lengths of the column and row vectors. Geographic: arcs of the
+    /// ellipsoid at the latitude of the range where they are longest. A sheared geotransform
+    /// (column and row vector not at right angles) is covered by the factor `sqrt(1 + |cos|)` of
+    /// their angle: `|iu + jv|^2 <= (1 + |cos|)(|iu|^2 + |jv|^2)`.
     pub fn spacing(&self, columns: (u32, u32), rows: (u32, u32)) -> Spacing {
         let [_, a, b, _, d, e] = self.transform_or_identity();
         let (mx, my) = self.metres_of_unit(columns, rows);
@@ -211,7 +218,8 @@ impl Geo {
 }
 
 impl Ellipsoid {
-    /// Metres of one radian of longitude and of latitude at a latitude in radians: `N cos(lat)` and `M`.
+    /// Metres of one radian of longitude and of latitude at a latitude in radians: `N cos(lat)` and
+    /// `M`.
     pub fn metres_of_radian(self, latitude: f64) -> (f64, f64) {
         let f = if self.inverse_flattening > 1.0 { 1.0 / self.inverse_flattening } else { 0.0 };
         let e2 = f * (2.0 - f);

@@ -1,12 +1,14 @@
 //! Reads `.rlv` terrain, and chooses what to draw of it.
 //!
-//! A `.rlv` file holds a digital elevation model of any size as a quadtree of tiles, each a lattice of samples with proven
-//! geometric errors for every patch at every tessellation step, and, if there is any, imagery in a quadtree of its own.
-//! `format-spec.md` describes the bytes; the crate `relevo` makes such files of rasters.
+//! A `.rlv` file holds a digital elevation model of any size as a quadtree of tiles, each a lattice
+//! of samples with proven geometric errors for every patch at every tessellation step, and, if
+//! there is any, imagery in a quadtree of its own. `format-spec.md` describes the bytes; the crate
+//! `relevo` makes such files of rasters.
 //!
 //! # Read a tile
 //!
-//! A [`Reader`] is opened on a file or on anything that is a [`ReadAt`]. The index alone says what to load.
+//! A [`Reader`] is opened on a file or on anything that is a [`ReadAt`]. The index alone says what
+//! to load.
 //!
 //! ```
 //! use relevo_core::{Reader, TileId};
@@ -46,14 +48,15 @@
 //!
 //! # Choose what to draw
 //!
-//! [`select`] has the level of detail: tiles and steps for a camera and an error in pixels, without a GPU, a file or a
-//! thread of its own.
+//! [`select`] has the level of detail: tiles and steps for a camera and an error in pixels, without
+//! a GPU, a file or a thread of its own.
 //!
 //! # Features
 //!
-//! `imagery` (on by default) decodes imagery tiles; `projections` has coordinate systems and their longitudes and
-//! latitudes; `threads` uses several threads where a call works on many tiles; `write` has what a writer of the format
-//! needs; `map` maps files into memory. `libzstd` (on by default) and `ruzstd` decompress, the second in Rust alone.
+//! `imagery` (on by default) decodes imagery tiles; `projections` has coordinate systems and their
+//! longitudes and latitudes; `threads` uses several threads where a call works on many tiles;
+//! `write` has what a writer of the format needs; `map` maps files into memory. `libzstd` (on by
+//! default) and `ruzstd` decompress, the second in Rust alone.
 
 // Encoders stand beside their decoders; a reader leaves them away.
 #[doc(hidden)]

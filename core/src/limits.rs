@@ -1,6 +1,7 @@
-//! What this program accepts at most: numbers read from a file are held against these before they are used.
+//! Limits of what this program accepts: numbers from a file are checked against them before they
+//! are used.
 
-/// Limits of a reader, with defaults that real data never meets and that no machine dies of.
+/// Limits of a reader. Real data stays below the defaults, and any machine can bear them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Limits {
@@ -22,7 +23,7 @@ pub struct Limits {
     pub page_bytes: u64,
     /// Bytes of the statistics section, decoded (64 MiB).
     pub statistics_bytes: u64,
-    /// Bytes that looking into pictures as they are opened may take (no limit).
+    /// Bytes of memory that opening pictures may take (no limit).
     pub opening_bytes: u64,
 }
 

@@ -1,12 +1,18 @@
-//! What a picture is really off by: every vertex of full resolution against the triangles that are drawn over it.
+//! The observed error of a view: every vertex of full resolution against the triangles that are
+//! drawn over it.
 //!
-//! Nothing here trusts an error table. The geometry is the one that is drawn: the heights of the selected tiles as f32, the steps of their patches and
-//! edges, the triangles of [`crate::select::pattern`]. The truth is decoded from the leaves. Their difference at a vertex in the picture is
-//! - if the vertex is valid and the surface is drawn there: the distance on the screen between both points;
-//! - if it is valid and nothing is drawn there, or void and something is: the distance on the screen to the nearest points of the
-//!   outline at full resolution (as [`crate::verify`] measures), at the same height.
+//! Nothing here trusts an error table. The geometry is that of the renderer: the heights of the
+//! selected tiles as f32, the steps of their patches and edges, the triangles of
+//! [`crate::select::pattern`]. The truth is decoded from the leaves. Their difference at a vertex
+//! in the view is
+//! - if the vertex is valid and the surface is drawn there: the distance on the screen between both
+//!   points;
+//! - if it is valid and no surface is drawn there, or void and a surface is: the distance on the
+//!   screen to the nearest points of the outline at full resolution (as [`crate::verify`]
+//!   measures), at the same height.
 //!
-//! What cannot be larger than what is known of a patch is passed over, by bounds that are taken from the samples themselves.
+//! Vertices that cannot have a larger error than the largest of their patch so far are skipped, by
+//! bounds that are taken from the samples themselves.
 
 mod block;
 mod drawn;
@@ -26,25 +32,25 @@ use block::Work;
 use drawn::{Patch, Tile};
 use outline::Outline;
 
-/// The largest error of a picture.
+/// The largest error of a view.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observed {
-    /// Pixels; 0 if nothing is in the picture.
+    /// The error in pixels; 0 if no vertex is in the view.
     pub pixels: f64,
-    /// Column of the vertex that shows it.
+    /// Column of the vertex with this error.
     pub column: u64,
-    /// Its row.
+    /// Row of that vertex.
     pub row: u64,
-    /// Metres that it is off, in the frame: heights exaggerated.
+    /// The error in metres of the frame: heights are exaggerated.
     pub metres: f64,
-    /// True if it is drawn where it is void, or not drawn where it is valid.
+    /// True if the vertex is misdrawn: drawn though void, or not drawn though valid.
     pub misdrawn: bool,
-    /// Vertices in the picture: valid ones, and void ones where something is drawn (at the height of what is drawn). One on the
-    /// border of two selected tiles counts for both.
+    /// Vertices in the view: valid ones, and void ones where a surface is drawn (at its height). A
+    /// vertex on the border of two selected tiles counts for both.
     pub vertices: u64,
     /// How many of them are misdrawn.
     pub misdrawn_vertices: u64,
-    /// The largest error of each patch that has a vertex in the picture.
+    /// The largest error of each patch that has a vertex in the view.
     pub patches: Vec<PatchError>,
 }
 
@@ -60,7 +66,7 @@ pub struct PatchError {
 }
 
 impl Observed {
-    /// Joins what two parts of a picture show.
+    /// Joins the results of two parts of a view.
     fn and(mut self, other: Self) -> Self {
         let (vertices, misdrawn) =
             (self.vertices + other.vertices, self.misdrawn_vertices + other.misdrawn_vertices);
@@ -71,9 +77,11 @@ impl Observed {
     }
 }
 
-/// The error of a picture of a selection drawn with these levels, over all vertices of the leaves under the selected tiles.
+/// The error of a view of a selection drawn with these levels, over all vertices of the leaves
+/// under the selected tiles.
 ///
-/// Tiles are worked on in parallel, the leaves of each one after the other: memory is that of the reader's cache and a few leaves for each thread.
+/// Tiles are worked on in parallel, the leaves of each one after the other: memory is that of the
+/// reader's cache and a few leaves for each thread.
 ///
 /// # Errors
 /// If a tile cannot be read, or if levels and selection do not belong together.

@@ -1,4 +1,4 @@
-//! Files that are made: never over one that is read, and under their names only when they are whole.
+//! Output files: never written over an input, and under their names only when they are complete.
 
 use std::collections::HashMap;
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -7,12 +7,13 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
-/// Files that are read: no output may be one of them.
+/// Input files: no output may be one of them.
 #[derive(Debug, Default)]
 pub struct Inputs {
-    /// By their names with links followed, where they exist.
+    /// The files by their names with links followed, if they exist.
     names: HashMap<PathBuf, PathBuf>,
-    /// By what the system takes for their identity, if it has one: hard links, and letters that it takes for the same.
+    /// The files by device and number, on systems that have these: for hard links, and names that
+    /// differ only in ways the system ignores.
     entries: HashMap<(u64, u64), PathBuf>,
 }
 
@@ -22,14 +23,14 @@ fn entry(path: &Path) -> Option<(u64, u64)> {
     fs::metadata(path).ok().map(|found| (found.dev(), found.ino()))
 }
 
-/// Elsewhere the whole name tells.
+/// Other systems have only the name.
 #[cfg(not(unix))]
 fn entry(_: &Path) -> Option<(u64, u64)> {
     None
 }
 
 impl Inputs {
-    /// These files.
+    /// The inputs `files`.
     pub fn new<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Self {
         let mut inputs = Self::default();
         for file in files {
@@ -43,8 +44,8 @@ impl Inputs {
         inputs
     }
 
-    /// Fails if an output is one of the files, whatever it is called, or if one of them lies where the output or its work folder is:
-    /// it would be gone.
+    /// Fails if an output is one of the files, by any name, or if one of them lies inside the place
+    /// of the output or of its work folder, where it would be lost.
     ///
     /// # Errors
     /// [`Error::Usage`].
@@ -80,8 +81,9 @@ pub fn check_apart(output: &Path, inputs: &[PathBuf]) -> Result<()> {
     Inputs::new(inputs).check(output)
 }
 
-/// A file under another name beside its own, which it is given when it is whole. Dropped before, it is removed; one that a program
-/// left which was killed is removed by the next that makes a file of the name.
+/// A new file under a temporary name beside its own, which it gets when it is complete. If it is
+/// dropped before, it is removed. A file left by a program that was killed is removed by the next
+/// program that makes a file of that name.
 #[derive(Debug)]
 pub struct NewFile {
     path: PathBuf,
@@ -95,7 +97,8 @@ impl NewFile {
     /// Begins a file.
     ///
     /// # Errors
-    /// [`Error::Usage`] if there is one of the name already, unless `force`, or if something else than a file is.
+    /// [`Error::Usage`] if there is a file of that name already, unless `force`, or anything else
+    /// than a file.
     pub fn create(path: impl Into<PathBuf>, force: bool) -> Result<Self> {
         let path = replaceable(path.into(), force)?;
         let Some(name) = path.file_name() else {
@@ -110,7 +113,7 @@ impl NewFile {
             let temporary = path.with_file_name(name);
             match OpenOptions::new().read(true).write(true).create_new(true).open(&temporary) {
                 Ok(file) => {
-                    // Where files cannot be locked, what a killed program left stays.
+                    // If files cannot be locked here, files of killed programs stay.
                     let _ = file.try_lock();
                     return Ok(Self { path, temporary, file, force, committed: false });
                 }
@@ -121,12 +124,12 @@ impl NewFile {
         Err(Error::usage(format!("{}: no free name for a temporary file beside it", path.display())))
     }
 
-    /// The name that it will have.
+    /// The path that it will have.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Goes to a byte.
+    /// Moves to byte `position`.
     pub fn seek(&mut self, position: u64) -> Result<()> {
         let sought = self.file.seek(SeekFrom::Start(position));
         sought.map(drop).map_err(|error| Error::io(&self.path, format!("seek to byte {position}"), error))
@@ -138,14 +141,15 @@ impl NewFile {
         written.map_err(|error| Error::io(&self.path, format!("write {} bytes", bytes.len()), error))
     }
 
-    /// Syncs it, and gives it its name.
+    /// Syncs the file, and renames it to its own name.
     pub fn commit(mut self) -> Result<()> {
         self.file.sync_all().map_err(|error| Error::io(&self.path, "write to disk", error))?;
         let failed = |error| Error::io(&self.path, "give the finished file its name", error);
         if self.force {
             fs::rename(&self.temporary, &self.path).map_err(failed)?;
         } else {
-            // A link never replaces what has come to be there meanwhile; file systems without links get a look and a rename.
+            // A hard link never replaces a file that has appeared meanwhile; on file systems
+            // without links there is a test and a rename.
             match fs::hard_link(&self.temporary, &self.path) {
                 Ok(()) => {
                     let _ = fs::remove_file(&self.temporary);
@@ -173,20 +177,21 @@ impl Write for NewFile {
 impl Drop for NewFile {
     fn drop(&mut self) {
         if !self.committed {
-            // Nothing can be done, nor needs to be said, if it cannot be removed.
+            // If it cannot be removed, there is nothing to do or say.
             let _ = fs::remove_file(&self.temporary);
         }
     }
 }
 
-/// Writes a file at once; what was there stays unless `force`, and stays whole until it is replaced.
+/// Writes a whole file. A file of that name stays unless `force`, and stays complete until it is
+/// replaced.
 pub fn write(path: &Path, bytes: &[u8], force: bool) -> Result<()> {
     let mut file = NewFile::create(path, force)?;
     file.put(bytes)?;
     file.commit()
 }
 
-/// The path of an output with links followed, after a look at what is there.
+/// The path of an output with links followed. Fails if it may not be replaced.
 fn replaceable(path: PathBuf, force: bool) -> Result<PathBuf> {
     let Ok(there) = fs::symlink_metadata(&path) else { return Ok(path) };
     if !force {
@@ -207,7 +212,7 @@ fn replaceable(path: PathBuf, force: bool) -> Result<PathBuf> {
     }
 }
 
-/// A link that leads to nothing has the name of an output.
+/// The error of an output whose name is a link that leads to nothing.
 pub fn dangling(path: &Path) -> Error {
     Error::usage(format!("{} is a link that leads nowhere; remove it or name another output", path.display()))
 }
@@ -216,7 +221,8 @@ fn exists(path: &Path) -> Error {
     Error::Exists { path: path.to_owned() }
 }
 
-/// Removes what programs that were killed have left beside an output: files that nobody holds locked.
+/// Removes files that killed programs have left beside an output: those that no program holds
+/// locked.
 fn sweep(path: &Path, start: &std::ffi::OsStr) {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let Ok(entries) = fs::read_dir(folder) else { return };
@@ -233,7 +239,7 @@ fn sweep(path: &Path, start: &std::ffi::OsStr) {
         if !is_ours || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
             continue;
         }
-        // What cannot be removed stays.
+        // A file that cannot be removed stays.
         if let Ok(file) = OpenOptions::new().write(true).open(entry.path()) {
             match file.try_lock() {
                 Ok(()) => drop(fs::remove_file(entry.path())),

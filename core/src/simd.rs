@@ -1,20 +1,20 @@
 //! Hot loops compiled for the vector units of the machine that they run on.
 //!
-//! The crate is built for the oldest processor of its architecture. A [`Kernel`] is compiled once more with AVX2 and what comes with
-//! it, and that one runs where the processor has it. Nothing else differs: no operation is fused or reordered, so the results are
-//! the same bits.
+//! The crate is built for the oldest processor of its architecture. A [`Kernel`] is compiled a
+//! second time with AVX2 and related features, and that version runs if the processor has them.
+//! Nothing else differs: no operation is fused or reordered, so the results are the same bits.
 
 /// A piece of work whose loops are worth compiling twice.
 pub trait Kernel {
-    /// What it gives.
+    /// The result of the work.
     type Output;
 
-    /// Does the work. Mark it, and what it calls in its loops, `#[inline(always)]`: only code that is inlined is compiled
-    /// for the newer processor.
+    /// Does the work. Mark it, and what it calls in its loops, `#[inline(always)]`: only code that
+    /// is inlined is compiled for the newer processor.
     fn run(self) -> Self::Output;
 }
 
-/// Runs a kernel with the widest vectors that both it and the processor know.
+/// Runs a kernel with the widest vectors that it is compiled for and the processor has.
 #[inline]
 pub fn run<K: Kernel>(kernel: K) -> K::Output {
     #[cfg(target_arch = "x86_64")]
@@ -26,7 +26,7 @@ pub fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run()
 }
 
-/// Asked once: small kernels are run very often.
+/// True if the processor has AVX2. Tested once: small kernels run very often.
 #[cfg(target_arch = "x86_64")]
 static HAS_AVX2: std::sync::LazyLock<bool> = std::sync::LazyLock::new(|| {
     is_x86_feature_detected!("avx2")

@@ -1,7 +1,9 @@
-//! The surface that a file defines (section 2 of the specification), point by point at full resolution.
+//! The surface that a file defines (section 2 of the specification), point by point at full
+//! resolution.
 //!
-//! This is the surface of the leaves: two triangles to a cell, its diagonal by the parity of the cell, shown where at
-//! least half of it is valid. On the border of two leaves of one level both give the same answer, bit for bit.
+//! This is the surface of the leaves: two triangles to a cell, its diagonal by the parity of the
+//! cell, shown where at least half of it is valid. On the border of two leaves of one level both
+//! give the same answer, bit for bit.
 
 use crate::container::{Header, Reader, TileEntry};
 use crate::error::{Error, Result};
@@ -17,7 +19,8 @@ pub fn height_at(reader: &Reader, x: f64, y: f64) -> Result<Option<f64>> {
     height_at_sample(reader, column, row)
 }
 
-/// Height in metres at a place of the lattice, fractions allowed; `None` where the surface is not shown.
+/// Height in metres at a place of the lattice, fractions allowed; `None` where the surface is not
+/// shown.
 ///
 /// ```
 /// # use relevo_core::{Reader, TileId};
@@ -36,7 +39,8 @@ pub fn height_at_sample(reader: &Reader, column: f64, row: f64) -> Result<Option
     Ok(height_in_tile(header, leaf.id, &lattice, column, row))
 }
 
-/// The leaf that a place of the lattice lies in; one of them if it lies on a border. `None` if no tile is there.
+/// The leaf at a place of the lattice; one of them if it lies on a border. `None` if no tile is
+/// there.
 ///
 /// ```
 /// # use relevo_core::{Reader, TileId};
@@ -64,11 +68,13 @@ pub fn leaf_at(reader: &Reader, column: f64, row: f64) -> Result<Option<TileEntr
     Ok(found)
 }
 
-/// Height in metres of the surface of one tile at its step 0; `None` outside the tile and where it is not shown.
+/// Height in metres of the surface of one tile at its step 0; `None` outside the tile and where it
+/// is not shown.
 pub fn height_in_tile(header: &Header, id: TileId, lattice: &Lattice, column: f64, row: f64) -> Option<f64> {
     let spacing = f64::from(header.spacing(id.level));
     let (left, top) = header.origin(id);
-    // Exact: a power of two divides, and what is taken away has no more bits than what is left.
+    // Exact: the divisor is a power of two, and the subtrahend has no more bits than the
+    // difference.
     let (u, v) = (column / spacing - left as f64 / spacing, row / spacing - top as f64 / spacing);
     let side = lattice.n as f64;
     if !(0.0..=side).contains(&u) || !(0.0..=side).contains(&v) {
@@ -93,8 +99,8 @@ pub fn height_in_tile(header: &Header, id: TileId, lattice: &Lattice, column: f6
     (validity >= 0.5).then_some(height)
 }
 
-/// Weights of the corners of a cell (north-west, north-east, south-west, south-east) at a point of it, one of them 0.
-/// On an edge they are `1 - t` and `t` of its ends exactly, whichever cell is asked.
+/// Weights of the corners of a cell (north-west, north-east, south-west, south-east) at a point of
+/// it, one of them 0. On an edge they are exactly `1 - t` and `t` at its ends, from whichever cell.
 fn weights(x: f64, y: f64, falling: bool) -> [f64; 4] {
     if falling {
         if x >= y { [1.0 - x, x - y, 0.0, y] } else { [1.0 - y, 0.0, y - x, x] }

@@ -1,6 +1,6 @@
-//! Squares of colour texels: what imagery tiles are made of, before and after the codec.
+//! Squares of colour texels: imagery tiles before encoding and after decoding.
 
-/// What a texel's colour is.
+/// The colour type of a texel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Colour {
     /// One byte, sRGB-coded lightness.
@@ -10,7 +10,7 @@ pub enum Colour {
 }
 
 impl Colour {
-    /// Bytes of a texel.
+    /// Bytes of the colour of a texel.
     pub fn channels(self) -> usize {
         match self {
             Self::Grey => 1,
@@ -24,10 +24,12 @@ impl Colour {
 pub struct Texels {
     /// Texels along a side, the gutter included.
     pub side: usize,
-    /// What `colour` holds.
+    /// Colour type of the texels.
     pub kind: Colour,
-    /// `side * side * kind.channels()` bytes. Texels that are wholly transparent have a colour too, near that of their neighbours.
+    /// `side * side * kind.channels()` bytes. Wholly transparent texels also have a colour, near
+    /// that of their neighbours.
     pub colour: Vec<u8>,
-    /// `side * side` bytes, 0 transparent to 255 opaque, not premultiplied; `None` if all are opaque.
+    /// `side * side` bytes, 0 transparent to 255 opaque, not premultiplied; `None` if all are
+    /// opaque.
     pub alpha: Option<Vec<u8>>,
 }

@@ -1,15 +1,16 @@
-//! Text of files on a terminal: what would move its cursor, change its colours or the order of its letters is shown as an escape.
+//! Makes text of files safe for a terminal: characters that would move its cursor, change its
+//! colours or the order of its letters become escapes.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
 
-/// The text with every control character, and every one that turns the direction of letters, as `\u001b` has it in JSON. A line of
-/// it stays a line: a newline is one of them.
+/// The text with every control character, and every character that changes the direction of
+/// letters, as a JSON escape such as `\u001b`. Newlines are escaped too, so a line stays a line.
 pub fn printable(text: &str) -> Cow<'_, str> {
     escaped(text, is_unfit)
 }
 
-/// True for what no text of a file is to bring to a terminal.
+/// True for characters that no text of a file may bring to a terminal.
 fn is_unfit(letter: char) -> bool {
     letter.is_control()
         || matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{206f}' | '\u{feff}')
@@ -22,7 +23,7 @@ fn escaped(text: &str, unfit: impl Fn(char) -> bool) -> Cow<'_, str> {
     let mut out = String::with_capacity(text.len() + 16);
     for letter in text.chars() {
         if unfit(letter) {
-            // All of them are below 2^16.
+            // All these characters are below 2^16.
             let number = u32::from(letter);
             out.push_str("\\u");
             out.extend([12, 8, 4, 0].iter().filter_map(|shift| char::from_digit(number >> shift & 15, 16)));
@@ -33,8 +34,8 @@ fn escaped(text: &str, unfit: impl Fn(char) -> bool) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// A stream that text goes through on its way to people: newlines and tabs pass, all else that [`printable`] escapes does not. What is
-/// JSON stays the same JSON.
+/// A writer that escapes like [`printable`], but for newlines and tabs, which pass. JSON stays the
+/// same JSON.
 pub struct Plain<W>(pub W);
 
 impl<W: Write> Write for Plain<W> {
@@ -43,7 +44,7 @@ impl<W: Write> Write for Plain<W> {
     }
 
     fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
-        // Whole words come here; of what is no text nothing is lost either.
+        // Callers write whole words; bytes that are not UTF-8 are not lost either.
         for chunk in bytes.utf8_chunks() {
             let unfit = |letter| is_unfit(letter) && !matches!(letter, '\n' | '\t');
             self.0.write_all(escaped(chunk.valid(), unfit).as_bytes())?;

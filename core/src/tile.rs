@@ -20,7 +20,7 @@ impl TileId {
         Self { level, x, y }
     }
 
-    /// The tile this one is a quarter of; `None` for the root.
+    /// The tile of which this one is a quadrant; `None` for the root.
     ///
     /// ```
     /// use relevo_core::TileId;
@@ -44,7 +44,7 @@ impl TileId {
         Self::new(self.level + 1, 2 * self.x + u32::from(quadrant & 1), 2 * self.y + u32::from(quadrant >> 1))
     }
 
-    /// Which quadrant of its parent this tile is.
+    /// The quadrant of its parent that this tile is.
     ///
     /// ```
     /// use relevo_core::TileId;
@@ -63,7 +63,7 @@ impl TileId {
             let side = 1_u64 << bit;
             let (rx, ry) = (u64::from(x & side != 0), u64::from(y & side != 0));
             position += side * side * ((3 * rx) ^ ry);
-            // Turn the quadrant so that its curve starts where the last one ended.
+            // Turn the quadrant so that its curve starts where the last one ends.
             x &= side - 1;
             y &= side - 1;
             if ry == 0 {

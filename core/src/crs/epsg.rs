@@ -1,4 +1,4 @@
-//! What EPSG codes say of units and ellipsoids, for files that give the code and nothing else.
+//! The units and ellipsoids of EPSG codes, for files that give only the code.
 
 pub mod table;
 
@@ -15,8 +15,9 @@ pub const DEGREE: f64 = PI / 180.0;
 /// Radians of a grad.
 const GRAD: f64 = PI / 200.0;
 
-/// An ellipsoid that no EPSG code of the Earth exceeds in any radius of curvature at any latitude (their largest is
-/// 1.000087 times that of WGS 84; the five spheres are in the table): 0.01 % too long rather than too short.
+/// An ellipsoid that no EPSG code of the Earth exceeds in any radius of curvature at any latitude
+/// (their largest is 1.000087 times that of WGS 84; the five spheres are in the table): 0.01 % too
+/// long rather than too short.
 const LARGEST: Ellipsoid = Ellipsoid { a: WGS84.a * 1.0001, ..WGS84 };
 
 /// EPSG codes of the units of length.

@@ -1,8 +1,8 @@
 //! GeoTIFF keys (OGC 19-008) to a coordinate system and a vertical unit, by the rules of GDAL.
 //!
-//! Keys are taken as far as they make sense: a broken set gives an engineering CRS, never an error, because heights do
-//! not depend on it. What a code stands for is in `epsg`, what the keys of a projection say in `geokeys::defined`.
-//! This is the one place where a directory of keys is taken apart.
+//! Keys are used as far as they make sense: a broken set gives an engineering CRS, never an error,
+//! because heights do not depend on it. The meaning of codes is in `epsg`, that of the keys of a
+//! projection in `geokeys::defined`. Only this module parses a directory of keys.
 
 mod defined;
 #[cfg(test)]
@@ -14,7 +14,7 @@ pub use self::defined::definition;
 use super::{Vertical, epsg};
 use crate::geo::{Crs, GeoKeys};
 
-/// What to do about heights whose unit is in doubt, in the words that a command line turns into its own.
+/// Advice for heights whose unit is in doubt; the command line has its own words for it.
 pub const UNIT_ADVICE: &str = "state the vertical unit";
 
 const MODEL_TYPE: u16 = 1024;
@@ -45,12 +45,12 @@ const VERTICAL_UNIT: u16 = 4099;
 
 /// The value that means "see the other keys".
 const USER_DEFINED: u16 = 32767;
-/// Where a key's value is, if not in the key: the directory itself, the doubles, the text.
+/// Tag with a key's value, if the value is not in the key: the directory, the doubles, or the text.
 const SHORTS_TAG: u16 = 34735;
 const DOUBLES_TAG: u16 = 34736;
 const ASCII_TAG: u16 = 34737;
 
-/// What the keys say.
+/// The georeference that keys state.
 pub struct Reference {
     /// The coordinate system, with the keys themselves.
     pub crs: Crs,
@@ -58,7 +58,7 @@ pub struct Reference {
     pub pixel_is_point: bool,
     /// Metres and name of the vertical unit, if there is a vertical part.
     pub vertical_unit: Option<(f64, String)>,
-    /// What the keys say that cannot be, and what was taken instead.
+    /// Impossible statements of the keys, and what was used instead.
     pub warnings: Vec<String>,
 }
 
@@ -89,13 +89,13 @@ pub fn is_point(keys: &GeoKeys) -> bool {
     short(keys, RASTER_TYPE) == Some(2)
 }
 
-/// The keys that count: as many as the header says, and no more.
+/// The valid keys: as many as the header states.
 fn entries(keys: &GeoKeys) -> impl Iterator<Item = &[u16; 4]> {
     let split = keys.directory.split_first_chunk::<4>();
     split.into_iter().flat_map(|(header, rest)| rest.as_chunks::<4>().0.iter().take(usize::from(header[3])))
 }
 
-/// Location, count and value of a key; of one that is there twice, the last, as in GDAL.
+/// Location, count and value of a key; of a repeated key the last, as in GDAL.
 fn entry(keys: &GeoKeys, key: u16) -> Option<[u16; 3]> {
     let found = entries(keys).filter(|entry| entry[0] == key).last();
     found.map(|&[_, location, count, value]| [location, count, value])
@@ -137,7 +137,7 @@ fn length(keys: &GeoKeys, unit: u16, size: u16) -> Option<f64> {
     by_code.or_else(|| double(keys, size).filter(|&size| size > 0.0))
 }
 
-/// EPSG code of the vertical CRS. GeoTIFF 1.0 had numbers of its own, of which only two are in use.
+/// EPSG code of the vertical CRS. GeoTIFF 1.0 had its own numbers, of which only two are in use.
 fn vertical_code(keys: &GeoKeys) -> Option<u32> {
     match code(keys, VERTICAL)? {
         5102 => Some(5702),
@@ -147,13 +147,13 @@ fn vertical_code(keys: &GeoKeys) -> Option<u32> {
     }
 }
 
-/// Takes the vertical part away, keys 4096 to 4099.
+/// Removes the vertical part, keys 4096 to 4099.
 pub fn drop_vertical(keys: &mut GeoKeys) {
     drop_keys(keys, |entry| (VERTICAL..=VERTICAL_UNIT).contains(&entry[0]));
 }
 
-/// Takes keys away. Short values that keys point to lie behind them: a shorter list would move those, so such keys stay
-/// where they are and lose their meaning only (key 0 means nothing).
+/// Removes keys. Short values that keys point to lie after the keys, and a shorter list would move
+/// them; then the keys stay in place as key 0, which means nothing.
 fn drop_keys(keys: &mut GeoKeys, gone: impl Fn(&[u16; 4]) -> bool) {
     let Some((header, _)) = keys.directory.split_first_chunk::<4>() else { return };
     let header = *header;
@@ -173,7 +173,8 @@ fn drop_keys(keys: &mut GeoKeys, gone: impl Fn(&[u16; 4]) -> bool) {
     keys.directory = directory;
 }
 
-/// Keys whose number is NaN or infinite say nothing, to GDAL neither: they go, so that nobody has to write them.
+/// Removes keys whose number is NaN or infinite: they mean nothing, also to GDAL, and need not be
+/// written.
 fn drop_numbers_that_are_none(keys: &mut GeoKeys, warnings: &mut Vec<String>) {
     if keys.doubles.iter().all(|value| value.is_finite()) {
         return;
@@ -198,7 +199,7 @@ fn drop_numbers_that_are_none(keys: &mut GeoKeys, warnings: &mut Vec<String>) {
     }
 }
 
-/// The unit of a vertical system by its code, else by the key, as GDAL has it.
+/// The unit of a vertical system by its code, else by the key, as in GDAL.
 fn vertical_unit(
     keys: &GeoKeys,
     known: Option<&Vertical>,
@@ -210,7 +211,7 @@ fn vertical_unit(
         return by_key.map(|(metres, name)| (metres, name.to_owned()));
     };
     let by_code = match system {
-        // Heights above an ellipsoid have no system of their own.
+        // Heights above an ellipsoid have no vertical system.
         5001..=5033 => None,
         _ => Some(known.map_or(metre.clone(), |known| known.unit.clone())),
     };

@@ -1,7 +1,8 @@
-//! Map projections: names and parameters in OGC WKT of both versions, at ESRI, in the EPSG dataset and in PROJ.
+//! Map projections: names and parameters in OGC WKT of both versions, at ESRI, in the EPSG dataset
+//! and in PROJ.
 //!
-//! One parameter has one key here, PROJ's (`lat_0`, `lon_0`, `k_0`, ..), whatever a method or a notation calls it.
-//! Angles are in degrees, lengths in metres.
+//! A parameter has one key here, that of PROJ (`lat_0`, `lon_0`, `k_0`, ..), in all methods and
+//! notations. Angles are in degrees, lengths in metres.
 
 use std::borrow::Cow;
 
@@ -14,7 +15,7 @@ pub struct Method {
     pub code: u32,
     /// Its name in WKT 2.
     pub name: &'static str,
-    /// `+proj=`; empty where PROJ needs more than this and the parameters.
+    /// Its name for `+proj=`; empty if PROJ needs more than this and the parameters.
     pub proj: &'static str,
     /// Keys and EPSG codes of its parameters.
     pub parameters: &'static [(&'static str, u32)],
@@ -80,7 +81,7 @@ const COLOMBIA: &[(&str, u32)] =
     &[("lat_0", 8801), ("lon_0", 8802), ("x_0", 8806), ("y_0", 8807), ("h_0", 1039)];
 const ZONED: &[(&str, u32)] =
     &[("lat_0", 8801), ("lon_0", 8830), ("zone", 8831), ("k_0", 8805), ("x_0", 8806), ("y_0", 8807)];
-/// Both parallels and an origin, of a method that EPSG has not.
+/// The parameters of a method that EPSG does not have: two parallels and an origin.
 const EQUIDISTANT_CONIC: &[(&str, u32)] =
     &[("lat_0", 8801), ("lon_0", 8802), ("lat_1", 8823), ("lat_2", 8824), ("x_0", 8806), ("y_0", 8807)];
 const SATELLITE: &[(&str, u32)] = &[("lon_0", 8802), ("h", 0), ("x_0", 8806), ("y_0", 8807)];
@@ -97,7 +98,7 @@ const fn method(
     Method { code, name, proj, parameters, other }
 }
 
-/// The methods that have a name here; those of EPSG codes below 9800 are younger.
+/// The known methods; those with EPSG codes below 9800 are newer.
 #[rustfmt::skip]
 static METHODS: &[Method] = &[
     method(9807, "Transverse Mercator", "tmerc", SCALED, &["gausskruger", "transversemercatorcomplex"]),
@@ -167,7 +168,7 @@ static METHODS: &[Method] = &[
     method(0, "Geostationary Satellite (Sweep X)", "", SATELLITE, &[]),
 ];
 
-/// A method by its EPSG code; spherical and older variants of one are taken for it.
+/// A method by its EPSG code; spherical and older variants count as the method.
 pub fn by_code(code: u32) -> Option<&'static Method> {
     let code = match code {
         9842 => 1028,
@@ -183,7 +184,7 @@ pub fn by_name(name: &str) -> Option<&'static Method> {
     METHODS.iter().find(|method| plain(method.name) == name || method.other.contains(&name.as_str()))
 }
 
-/// A method by PROJ's name for it; where that stands for several, the first.
+/// A method by PROJ's name; the first, if several have the name.
 pub fn by_proj(name: &str) -> Option<&'static Method> {
     METHODS.iter().find(|method| method.proj == name && !name.is_empty())
 }
@@ -230,7 +231,7 @@ pub(super) enum Quantity {
     Ratio,
 }
 
-/// The key of a parameter of any notation; of one that is not known, its letters and digits.
+/// The key of a parameter in any notation; of an unknown parameter its letters and digits.
 pub(super) fn key(name: &str) -> Cow<'static, str> {
     let name = plain(name);
     Cow::Borrowed(match name.as_str() {
@@ -274,7 +275,7 @@ pub(super) fn key(name: &str) -> Cow<'static, str> {
     })
 }
 
-/// What the value of a key is.
+/// The quantity of a key's value.
 pub(super) fn quantity(key: &str) -> Quantity {
     match key {
         "x_0" | "y_0" | "h" | "h_0" => Quantity::Length,
@@ -287,7 +288,7 @@ pub(super) fn quantity(key: &str) -> Quantity {
     }
 }
 
-/// The value of a parameter that is not given.
+/// The default value of a parameter.
 pub fn usual(key: &str) -> f64 {
     if key == "k_0" { 1.0 } else { 0.0 }
 }

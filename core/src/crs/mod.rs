@@ -1,8 +1,9 @@
-//! Coordinate systems as their definitions: datum, projection, parameters, units.
+//! Definitions of coordinate systems: datum, projection, parameters, units.
 //!
-//! A definition comes out of a text (WKT of either version, ESRI's, an EPSG code, a PROJ string: [`read`]), out of
-//! GeoTIFF keys (`geokeys`) or of the EPSG table. Two of them are compared by what they define, never by a name or a
-//! code ([`Definition::same`]). Texts are untrusted: they are bounded, and none makes this module panic.
+//! A definition comes from a text (WKT of either version, ESRI's, an EPSG code, a PROJ string:
+//! [`read`]), from GeoTIFF keys (`geokeys`) or from the EPSG table. Two definitions are compared by
+//! their content, never by a name or a code ([`Definition::same`]). Texts are untrusted: they are
+//! bounded, and none makes this module panic.
 
 pub mod epsg;
 pub mod geokeys;
@@ -23,20 +24,22 @@ use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind, Ellipsoid};
 use epsg::table;
 
-/// What a coordinate system is.
+/// The definition of a coordinate system.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Definition {
     pub kind: CrsKind,
     pub name: String,
-    /// Code of the horizontal system itself, not of one of its parts.
+    /// EPSG code of the horizontal system itself, not of one of its parts.
     pub epsg: Option<u32>,
-    /// The geographic system that it is, or that it is projected from; `None` for engineering systems.
+    /// The geographic system that it is, or that it is projected from; `None` for engineering
+    /// systems.
     pub base: Option<Base>,
     /// The projection; projected systems have one.
     pub conversion: Option<Conversion>,
     /// Radians (geographic) or metres of the unit of the coordinates.
     pub unit: f64,
-    /// Abbreviation and direction of the axes as the system has them; rasters have east first all the same.
+    /// Abbreviation and direction of the axes as the system has them; rasters nevertheless have
+    /// east first.
     pub axes: [(String, String); 2],
     pub vertical: Option<Vertical>,
 }
@@ -53,7 +56,7 @@ pub struct Base {
     pub meridian: (String, f64),
     /// Radians of the unit of its angles.
     pub unit: f64,
-    /// True if ellipsoidal heights belong to it.
+    /// True if it includes ellipsoidal heights.
     pub has_height: bool,
 }
 
@@ -61,7 +64,7 @@ pub struct Base {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Conversion {
     pub name: String,
-    /// `Err`: a method that has no name here, by the name of the text.
+    /// The method; `Err` with the name in the text for an unknown one.
     pub method: std::result::Result<&'static Method, String>,
     pub parameters: Vec<(Cow<'static, str>, f64)>,
 }
@@ -77,7 +80,8 @@ pub struct Vertical {
     pub down: bool,
 }
 
-/// Letters and digits of a name, in small letters: `NAD83 / UTM zone 12N` and `NAD83_UTM_zone_12N` are one.
+/// The letters and digits of a name, in lower case: `NAD83 / UTM zone 12N` and `NAD83_UTM_zone_12N`
+/// are equal.
 pub fn plain(name: &str) -> String {
     name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
 }
@@ -88,23 +92,23 @@ pub fn read(text: &str) -> Result<Crs> {
     let mut crs = definition.crs();
     let method_is_known = definition.conversion.as_ref().is_none_or(|c| c.method.is_ok());
     if !method_is_known {
-        // What has no name here keeps its own words, which other programs may know.
+        // A system with an unknown method keeps its own text, which other programs may know.
         text.trim().trim_start_matches(PE_STRING).clone_into(&mut crs.wkt);
     }
     Ok(crs)
 }
 
-/// The system of an EPSG code, of which a code that is not in the table says no more than its kind.
+/// The system of an EPSG code; of a code that is not in the table only the kind is known.
 pub fn of_code(kind: CrsKind, code: u32) -> Crs {
     Definition::of_kind(kind, code)
         .map_or_else(|| Crs { kind, epsg: Some(code), ..Crs::default() }, |definition| definition.crs())
 }
 
-/// What stands before a text of ESRI's in a citation of a GeoTIFF.
+/// The prefix of an ESRI text in a citation of a GeoTIFF.
 pub const PE_STRING: &str = "ESRI PE String = ";
 
 impl Definition {
-    /// As [`read`].
+    /// Reads a text, as [`read`] does.
     pub fn read(text: &str) -> Result<Self> {
         let text = text.trim_start_matches('\u{feff}').trim();
         let text = text.strip_prefix(PE_STRING).unwrap_or(text).trim();
@@ -133,7 +137,8 @@ impl Definition {
         })
     }
 
-    /// The definition behind a coordinate system, as far as it is known: by its text, its code or its keys.
+    /// The definition of a coordinate system by its text, its code or its keys; `None` if it is not
+    /// known.
     pub fn of(crs: &Crs) -> Option<Self> {
         if crs.kind == CrsKind::Engineering {
             return None;
@@ -142,7 +147,7 @@ impl Definition {
         let by_code = || crs.epsg.and_then(|code| Self::of_kind(crs.kind, code));
         let by_keys = || crs.keys.as_ref().and_then(geokeys::definition);
         let mut found = by_text.or_else(by_code).or_else(by_keys).filter(|found| found.kind == crs.kind)?;
-        // Keys may state another unit than the code has.
+        // Keys may state another unit than that of the code.
         found.unit = crs.unit;
         Some(found)
     }
@@ -174,7 +179,7 @@ impl Definition {
         }
     }
 
-    /// A geographic system on its own.
+    /// The definition of a geographic system.
     pub fn geographic(base: Base) -> Self {
         Self {
             kind: CrsKind::Geographic,
@@ -196,9 +201,9 @@ impl Definition {
         known.same(base).then_some(code)
     }
 
-    /// A projected system without name and code, in metres of a unit.
+    /// A projected system without name and code; `unit` is metres of its unit.
     pub fn projected(base: Base, conversion: Conversion, unit: f64) -> Self {
-        // As PROJ has them: around a pole no axis points east.
+        // As in PROJ: around a pole no axis points east.
         let axes = match conversion.pole() {
             Some(true) => axes("E", "South along 90°E", "N", "South along 180°E"),
             Some(false) => axes("E", "North along 90°E", "N", "North along 0°E"),
@@ -216,7 +221,7 @@ impl Definition {
         }
     }
 
-    /// A system of unknown place.
+    /// An engineering system, whose place is unknown.
     pub fn engineering(name: String, unit: f64) -> Self {
         Self {
             kind: CrsKind::Engineering,
@@ -230,7 +235,8 @@ impl Definition {
         }
     }
 
-    /// As a raster keeps it, with WKT 2 of the horizontal part (empty where a method has no name here).
+    /// The system as a raster keeps it, with WKT 2 of the horizontal part (empty if the method is
+    /// unknown).
     pub fn crs(&self) -> Crs {
         let vertical = self.vertical.as_ref();
         Crs {
@@ -293,17 +299,18 @@ impl Conversion {
         })
     }
 
-    /// The value of a key, or what it usually is.
+    /// The value of a key, or its default.
     pub fn value(&self, key: &str) -> f64 {
         self.given(key).unwrap_or_else(|| method::usual(key))
     }
 
-    /// The value of a key, if it is there.
+    /// The value of a key, if it is given.
     pub fn given(&self, key: &str) -> Option<f64> {
         self.parameters.iter().find(|parameter| parameter.0 == key).map(|parameter| parameter.1)
     }
 
-    /// True if it is stereographic or equal-area around the north pole, false if around the south pole.
+    /// True if it is stereographic or equal-area around the north pole, false if around the south
+    /// pole.
     fn pole(&self) -> Option<bool> {
         let latitude = match self.method.as_ref().ok()?.code {
             9810 | 9820 => self.value("lat_0"),
@@ -335,7 +342,7 @@ impl Vertical {
     }
 }
 
-/// EPSG codes of the horizontal and of the vertical part, where a text is nothing but codes.
+/// EPSG codes of the horizontal and of the vertical part, if a text is only codes.
 fn codes(text: &str) -> Option<(u32, Option<u32>)> {
     let lower = text.to_ascii_lowercase();
     if ["ogc:crs84", "crs:84", "urn:ogc:def:crs:ogc:1.3:crs84", "wgs84"].contains(&lower.as_str()) {

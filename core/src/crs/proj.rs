@@ -1,4 +1,4 @@
-//! Definitions out of PROJ strings, and PROJ strings of definitions.
+//! Reads definitions from PROJ strings, and writes PROJ strings.
 
 use std::borrow::Cow;
 use std::fmt::Write;
@@ -16,22 +16,22 @@ impl<'a> Words<'a> {
         self.0.iter().find(|word| word.0 == key).map(|word| word.1)
     }
 
-    /// A number; NaN if what stands there is none.
+    /// A number; NaN if the value is not a number.
     fn number(&self, key: &str) -> Option<f64> {
         self.get(key)
             .map(|text| text.parse().ok().filter(|value: &f64| value.is_finite()).unwrap_or(f64::NAN))
     }
 
-    /// A number, or what it usually is; `None` if what stands there is none.
+    /// A number, or `usual` if it is missing; `None` if the value is not a number.
     fn value(&self, key: &str, usual: f64) -> Option<f64> {
         Some(self.number(key).unwrap_or(usual)).filter(|value| !value.is_nan())
     }
 }
 
-/// Words that change what the coordinates are, and are not read here.
+/// Words that change the meaning of the coordinates, and are not supported.
 const NOT_READ: &[&str] = &["init", "geoc", "over", "rf_a", "R_V", "R_lat_a", "sweep", "o_proj"];
 
-/// Reads `+proj=..`; `None` if it says something that is not understood.
+/// Reads `+proj=..`; `None` if a part of it is not understood.
 pub(super) fn read(text: &str) -> Option<Definition> {
     let words = Words(
         text.split_ascii_whitespace()
@@ -51,7 +51,7 @@ pub(super) fn read(text: &str) -> Option<Definition> {
         return Some(Definition::geographic(base));
     }
     let conversion = conversion(&words, proj)?;
-    // What is called Web Mercator: a sphere's formulas on the longitudes and latitudes of WGS 84.
+    // Web Mercator: the formulas of a sphere on the longitudes and latitudes of WGS 84.
     let is_pseudo = conversion.method.as_ref().is_ok_and(|method| method.code == 1024);
     let base = if is_pseudo { Base::of_code(4326)? } else { base };
     let mut definition = Definition::projected(base, conversion, unit(&words)?);
@@ -84,7 +84,7 @@ fn base(words: &Words) -> Option<Base> {
         has_height: false,
     };
     let meridian = words.value("pm", 0.0)?;
-    // What shifts a datum is no part of the coordinates, but a datum of WGS 84 moved is none.
+    // A shift of datum does not change the coordinates, but a shifted WGS 84 is another datum.
     let datum = match (words.get("datum"), words.get("ellps")) {
         (Some("WGS84"), _) => Some(6326),
         (Some("NAD83"), _) => Some(6269),
@@ -171,12 +171,13 @@ fn conversion(words: &Words, proj: &str) -> Option<Conversion> {
         "laea" if is_sphere(words)? => method::by_code(1027),
         "eqc" if is_sphere(words)? => method::by_code(1029),
         "cea" if is_sphere(words)? => method::by_code(9834),
-        // Their strings say more than their parameters.
+        // Their strings have more words than their parameters.
         "omerc" if words.get("no_uoff").is_some() || words.get("no_off").is_some() => method::by_code(9812),
         "omerc" if words.get("lonc").is_some() => method::by_code(9815),
         "somerc" => method::by_code(9815),
         "omerc" | "krovak" | "labrd" | "bonne" => None,
-        // Formulas of a sphere; of others the sphere in the place of the ellipsoid is another system.
+        // These have the formulas of a sphere; for other methods a sphere in place of the ellipsoid
+        // is another system.
         "vandg" | "mill" => method::by_proj(proj),
         _ if words.get("R_A").is_some() => None,
         "ortho" if is_sphere(words)? => method::by_code(9840),
@@ -186,7 +187,7 @@ fn conversion(words: &Words, proj: &str) -> Option<Conversion> {
     for &(key, _) in method.parameters {
         let found = match key {
             "k_0" => scale,
-            // Of one parallel, which is that of the origin if there is no other.
+            // With one parallel, which is that of the origin if no other is given.
             "lat_0" if method.code == 9801 && words.get("lat_1").is_some() => value("lat_1")?,
             "lat_1" if words.get("lat_ts").is_some() => value("lat_ts")?,
             "lon_0" if proj == "omerc" => value("lonc")?,
@@ -205,8 +206,9 @@ fn is_sphere(words: &Words) -> Option<bool> {
     Some(words.get("datum").is_none() && shape(words)?.1.inverse_flattening == 0.0)
 }
 
-/// The PROJ string of a projected system on its own ellipsoid, in metres, longitudes from its own meridian: what makes
-/// coordinates of longitude and latitude, without any shift of datum. `None` if its method needs more.
+/// The PROJ string of a projected system on its own ellipsoid, in metres, longitudes from its own
+/// meridian: it converts longitude and latitude to coordinates, without any shift of datum. `None`
+/// if its method needs more.
 pub fn string(definition: &Definition) -> Option<String> {
     let (base, conversion) = (definition.base.as_ref()?, definition.conversion.as_ref()?);
     let method = *conversion.method.as_ref().ok()?;
@@ -219,7 +221,7 @@ pub fn string(definition: &Definition) -> Option<String> {
         let _ = write!(text, " +{key}={value}");
     };
     match method.code {
-        // Their latitude is the equator.
+        // Their latitude of origin is the equator.
         1024 | 9804 => {}
         9829 => {
             add("lat_0", 90.0_f64.copysign(value("lat_1")));
@@ -258,7 +260,7 @@ pub fn string(definition: &Definition) -> Option<String> {
     add("y_0", value("y_0"));
     let shape = base.ellipsoid;
     if method.code == 1024 || shape.inverse_flattening == 0.0 {
-        // Web Mercator is a sphere's whatever its datum is.
+        // Web Mercator uses a sphere with any datum.
         let _ = write!(text, " +a={0} +b={0}", shape.a);
     } else {
         let b = shape.a * (1.0 - 1.0 / shape.inverse_flattening);

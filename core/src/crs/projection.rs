@@ -1,9 +1,11 @@
-//! Coordinates of one system to those of another, without a database of shifts between datums.
+//! Converts coordinates of one system to those of another, without a database of shifts between
+//! datums.
 //!
-//! A projection goes to longitude and latitude on its own datum, exactly. From there to WGS 84 is a shift that is known
-//! here for datums only that *are* WGS 84 to the EPSG dataset, within metres that it states ([`Projection::within`]):
-//! ETRS89, NAD83, GDA94, JGD2011 and some hundred others. Coordinates on any other datum are refused by its name, not
-//! given off by a hundred metres.
+//! A projection goes to longitude and latitude on its own datum, exactly. From there to WGS 84 is a
+//! shift. It is known here only for datums that *are* WGS 84 in the EPSG dataset, within metres
+//! that the dataset states ([`Projection::within`]): ETRS89, NAD83, GDA94, JGD2011 and some hundred
+//! others. Coordinates on any other datum are refused by its name; they could be off by a hundred
+//! metres.
 
 use proj4rs::Proj;
 use proj4rs::transform::transform;
@@ -13,21 +15,23 @@ use super::{Base, Definition};
 use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind};
 
-/// What to do about a system that cannot be placed on the Earth.
+/// Advice for a system that cannot be placed on the Earth.
 const ADVICE: &str = "give coordinates in the system of the file itself, or convert them with gdaltransform";
 
-/// Longitude and latitude of the coordinates of a system, and back.
+/// The conversion between the coordinates of a system and longitude and latitude.
 pub struct Projection {
     base: Base,
     within: Option<f64>,
     /// Radians or metres of a unit of the coordinates.
     unit: f64,
-    /// The plane, and longitude and latitude on its ellipsoid; `None`: the coordinates are these themselves.
+    /// The plane, and longitude and latitude on its ellipsoid; `None` if the coordinates are
+    /// longitude and latitude themselves.
     plane: Option<(Proj, Proj)>,
 }
 
 impl Projection {
-    /// That of a system whose longitudes and latitudes are WGS 84's within a few metres; others are refused by name.
+    /// The projection of a system whose longitudes and latitudes are those of WGS 84 within a few
+    /// metres; others are refused by name.
     pub fn of(crs: &Crs) -> Result<Self> {
         let found = Self::on_own_datum(crs)?;
         match found.within() {
@@ -43,7 +47,7 @@ impl Projection {
         }
     }
 
-    /// That of a system with longitudes and latitudes on its own datum.
+    /// The projection of a system to longitudes and latitudes on its own datum.
     pub fn on_own_datum(crs: &Crs) -> Result<Self> {
         let refused =
             |what: String| Error::unsupported(format!("coordinates of {}: {what}", name(crs)), ADVICE);
@@ -66,7 +70,8 @@ impl Projection {
         Ok(Self { base, within, unit: definition.unit, plane })
     }
 
-    /// Metres within which longitude and latitude are those of WGS 84, if that is known: up to four.
+    /// Metres within which longitude and latitude are those of WGS 84, if that is known: up to
+    /// four.
     pub fn within(&self) -> Option<f64> {
         self.within
     }
@@ -93,7 +98,8 @@ impl Projection {
         };
         let metres = (x * self.unit, y * self.unit);
         let (lon, lat) = moved(plane, degrees, metres)?;
-        // Outside of what a projection shows, formulas give anything: what does not lead back is no place.
+        // Outside its area the formulas of a projection give arbitrary results: a result that does
+        // not convert back is refused.
         let back = moved(degrees, plane, (lon, lat))?;
         let allowed = 0.01 + 1e-9 * metres.0.abs().max(metres.1.abs());
         let returns = (back.0 - metres.0).abs() <= allowed && (back.1 - metres.1).abs() <= allowed;
@@ -115,14 +121,15 @@ impl Projection {
     }
 }
 
-/// Coordinates of one system in another.
+/// The conversion of coordinates of one system to another.
 pub struct Between {
     from: Projection,
     to: Projection,
 }
 
 impl Between {
-    /// From one system to another: both on one datum, or both on datums that are WGS 84 within metres.
+    /// The conversion from one system to another: both on one datum, or both on datums that are WGS
+    /// 84 within metres.
     pub fn new(from: &Crs, to: &Crs) -> Result<Self> {
         let (own, other) = (Projection::on_own_datum(from)?, Projection::on_own_datum(to)?);
         if own.base.same(&other.base) {
@@ -131,7 +138,7 @@ impl Between {
         Ok(Self { from: Projection::of(from)?, to: Projection::of(to)? })
     }
 
-    /// The place in the other system, if it has one there.
+    /// The coordinates in the other system, if the place has any.
     pub fn convert(&self, x: f64, y: f64) -> Option<(f64, f64)> {
         let (lon, lat) = self.from.to_lonlat(x, y)?;
         self.to.from_lonlat(lon, lat)
@@ -141,7 +148,7 @@ impl Between {
 /// The plane of a projected system, and longitude and latitude on its ellipsoid.
 fn plane(definition: &Definition, base: &Base) -> Option<(Proj, Proj)> {
     let conversion = definition.conversion.as_ref()?;
-    // What no projection has, formulas are not made for.
+    // The formulas are not made for values outside this range.
     let sane = conversion.parameters.iter().all(|(key, value)| match key.as_ref() {
         key if key.starts_with("lat") => value.abs() <= 90.0,
         "k_0" => (0.01..=100.0).contains(value),
@@ -164,7 +171,7 @@ fn plane(definition: &Definition, base: &Base) -> Option<(Proj, Proj)> {
     (plane.has_inverse() && plane.has_forward()).then_some((plane, degrees))
 }
 
-/// Radians or metres of one to those of the other.
+/// Converts radians or metres of one system to those of the other.
 fn moved(from: &Proj, to: &Proj, (x, y): (f64, f64)) -> Option<(f64, f64)> {
     let mut point = (x, y, 0.0);
     transform(from, to, &mut point).ok()?;
@@ -176,7 +183,7 @@ fn wrapped(lon: f64) -> f64 {
     if (-180.0..=180.0).contains(&lon) { lon } else { (lon + 180.0).rem_euclid(360.0) - 180.0 }
 }
 
-/// A system, for messages.
+/// The name of a system, for messages.
 fn name(crs: &Crs) -> String {
     match (crs.epsg, crs.name.as_str()) {
         (Some(code), "") => format!("EPSG:{code}"),
@@ -191,7 +198,8 @@ mod tests {
     use super::*;
     use serde_json::Value;
 
-    /// Places by PROJ 9.1.1 through GDAL: longitude and latitude on the system's own datum, and coordinates.
+    /// Places by PROJ 9.1.1 through GDAL: longitude and latitude on the system's own datum, and
+    /// coordinates.
     fn oracle() -> Vec<Value> {
         let path = std::env::var("RELEVO_POINTS_ORACLE").unwrap_or_else(|_| {
             concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/crs/points.json").to_owned()

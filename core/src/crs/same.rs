@@ -1,4 +1,4 @@
-//! Whether two coordinate systems are one, by what they define.
+//! Tests whether two coordinate systems are the same, by their definitions.
 
 use std::collections::HashMap;
 use std::sync::OnceLock;
@@ -7,20 +7,23 @@ use super::{Base, Conversion, Definition, method, plain};
 use crate::crs::epsg::table;
 use crate::geo::{Crs, CrsKind};
 
-/// How much two numbers that mean the same may differ in files, as a share.
+/// Largest relative difference of two numbers that count as equal.
 const ROUNDING: f64 = 1e-9;
-/// The same of flattenings, which programs write with six to fifteen digits.
+/// Largest relative difference of two flattenings that count as equal: programs write them with six
+/// to fifteen digits.
 const ROUNDING_OF_FLATTENING: f64 = 1e-8;
-/// Degrees that mean the same: a tenth of a millimetre on the ground.
+/// Largest difference in degrees of two angles that count as equal: a tenth of a millimetre on the
+/// ground.
 const ANGLE: f64 = 1e-9;
-/// Metres that mean the same.
+/// Largest difference in metres of two lengths that count as equal.
 const LENGTH: f64 = 1e-4;
 
 fn near(a: f64, b: f64, share: f64) -> bool {
     (a - b).abs() <= share * a.abs().max(b.abs())
 }
 
-/// True if coordinates of one are coordinates of the other, horizontally. A system of which nothing is known is like no other but its kind.
+/// True if coordinates of one are coordinates of the other, horizontally. A system of which nothing
+/// is known is equal only to systems of its kind.
 pub fn are_same(a: &Crs, b: &Crs) -> bool {
     if a.kind != b.kind || !near(a.unit, b.unit, ROUNDING) {
         return false;
@@ -31,7 +34,7 @@ pub fn are_same(a: &Crs, b: &Crs) -> bool {
     if let (Some(one), Some(other)) = (Definition::of(a), Definition::of(b)) {
         return one.same(&other);
     }
-    // Codes that the table does not know, and keys and texts that cannot be taken apart, are compared as they are.
+    // Unknown codes, and keys and texts that cannot be parsed, are compared as they are.
     match (a.epsg, b.epsg) {
         (Some(a), Some(b)) => a == b,
         (None, None) => {
@@ -43,7 +46,8 @@ pub fn are_same(a: &Crs, b: &Crs) -> bool {
 }
 
 impl Definition {
-    /// True if both define the same coordinates in a plane; names, codes and vertical parts aside.
+    /// True if both define the same horizontal coordinates; names, codes and vertical parts are
+    /// ignored.
     pub fn same(&self, other: &Self) -> bool {
         let bases = match (&self.base, &other.base) {
             (Some(one), Some(other)) => one.same(other),
@@ -60,7 +64,7 @@ impl Definition {
 }
 
 impl Base {
-    /// True if both have one datum: unit and name aside.
+    /// True if both have the same datum; unit and name are ignored.
     pub fn same(&self, other: &Self) -> bool {
         let (one, two) = (self.ellipsoid, other.ellipsoid);
         let turned = (self.meridian.1 - other.meridian.1).abs();
@@ -71,7 +75,8 @@ impl Base {
     }
 }
 
-/// True if two names of datums mean one, ESRI's names included; a datum without a name is like no other but its kind.
+/// True if two names of datums mean the same datum, ESRI's names included; a datum without a name
+/// is equal only to its kind.
 fn datums_are_same(a: &str, b: &str) -> bool {
     match (datum_code(a), datum_code(b)) {
         (Some(one), Some(other)) => one == other,
@@ -99,7 +104,8 @@ pub fn datum_code(name: &str) -> Option<u32> {
             codes.entry(plain(row.name)).or_insert(code);
         }
         for (code, row) in rows() {
-            // The meridian is told beside: with another one the datum has the same name at ESRI.
+            // The meridian is stated separately: with another one the datum has the same name at
+            // ESRI.
             let head = row.name.strip_suffix(&format!(" ({})", row.meridian.0)).unwrap_or(row.name);
             let code = codes.get(&plain(head)).or(codes.get(&plain(row.name))).copied().unwrap_or(code);
             codes.insert(plain(row.name), code);
@@ -114,7 +120,7 @@ pub fn datum_code(name: &str) -> Option<u32> {
 }
 
 impl Conversion {
-    /// True if both project alike: method and parameters; names aside.
+    /// True if both have the same method and parameters; names are ignored.
     pub fn same(&self, other: &Self) -> bool {
         let (one, other) = (self.settled(), other.settled());
         let methods = match (&one.method, &other.method) {
@@ -126,7 +132,7 @@ impl Conversion {
             && one.parameters.iter().chain(&other.parameters).all(|(key, _)| {
                 let (a, b) = (one.value(key), other.value(key));
                 match method::quantity(key) {
-                    // A whole turn is none.
+                    // A whole turn is no difference.
                     method::Quantity::Angle => ((a - b + 180.0).rem_euclid(360.0) - 180.0).abs() <= ANGLE,
                     method::Quantity::Length => (a - b).abs() <= LENGTH,
                     method::Quantity::Ratio => near(a, b, ROUNDING),
@@ -134,7 +140,8 @@ impl Conversion {
             })
     }
 
-    /// With one form for a cone that two parallels, or one and a scale, describe.
+    /// The conversion in one form for a cone, which either two parallels or one and a scale
+    /// describe.
     fn settled(&self) -> Self {
         let mut settled = self.clone();
         let Ok(method) = self.method else { return settled };
@@ -143,7 +150,7 @@ impl Conversion {
             settled.parameters.retain(|parameter| !["lat_1", "lat_2"].contains(&&*parameter.0));
             settled.method = method::by_code(9801).ok_or_else(String::new);
         }
-        // A cone's parallels come in either order.
+        // The parallels of a cone may have either order.
         if matches!(method.code, 9802 | 9822) && lat_2 < lat_1 {
             settled.set("lat_1", lat_2);
             settled.set("lat_2", lat_1);

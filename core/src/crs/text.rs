@@ -1,8 +1,9 @@
-//! Well-known text as a tree: `KEYWORD[item,item,..]`, items being quoted texts, bare words or trees.
+//! Well-known text as a tree: `KEYWORD[item,item,..]`, items being quoted texts, bare words or
+//! trees.
 
-/// Bytes of a text that is read: the longest of the EPSG dataset has 6 kB.
+/// Most bytes of a text: the longest of the EPSG dataset has 6 kB.
 const LONGEST: usize = 1 << 16;
-/// How deep trees stand in one another: eight is what standards need.
+/// Most levels of nested trees: standards need eight.
 const DEEPEST: u32 = 24;
 
 #[derive(Debug, PartialEq)]
@@ -22,7 +23,7 @@ pub(super) struct Node {
 }
 
 impl Node {
-    /// Reads one tree; `None` if the text is none, or goes on behind it.
+    /// Reads one tree; `None` if the text is not a tree, or continues after it.
     pub(super) fn parse(text: &str) -> Option<Self> {
         if text.len() > LONGEST {
             return None;

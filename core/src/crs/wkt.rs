@@ -1,4 +1,4 @@
-//! Definitions out of well-known text: OGC WKT 1 as GDAL writes it, ESRI's, and WKT 2.
+//! Reads definitions from well-known text: OGC WKT 1 as GDAL writes it, ESRI's, and WKT 2.
 
 use std::borrow::Cow;
 use std::f64::consts::PI;
@@ -20,12 +20,12 @@ const DATUM: &[&str] = &["DATUM", "GEODETICDATUM", "TRF", "ENSEMBLE"];
 const ELLIPSOID: &[&str] = &["SPHEROID", "ELLIPSOID"];
 const ANGLE: &[&str] = &["UNIT", "ANGLEUNIT"];
 const LENGTH: &[&str] = &["UNIT", "LENGTHUNIT"];
-/// What may be no part of a system that is read here: it would be another one.
+/// Keywords of systems that are not supported: without them the text would define another system.
 const DERIVED: &[&str] = &["DERIVINGCONVERSION", "FITTED_CS", "GEOCCS"];
 
-/// Reads a text; `None` if it is no system of the kinds that rasters have.
+/// Reads a text; `None` if it is not a system of a kind that rasters have.
 pub(super) fn read(text: &str) -> Option<Definition> {
-    // ESRI's files have the vertical system behind the horizontal one, side by side.
+    // In ESRI's files the vertical system follows the horizontal one.
     system(&Node::parse(text).or_else(|| Node::parse(&format!("COMPD_CS[\"\",{text}]")))?)
 }
 
@@ -36,7 +36,7 @@ fn system(node: &Node) -> Option<Definition> {
     if node.is(COMPOUND) {
         let mut parts = node.nodes().filter(|part| !is_remark(part));
         let mut definition = system(parts.next()?)?;
-        // Two parts, and no third (time) or derived one behind them that would be lost.
+        // Two parts, and no third (time) or derived part, which would be lost.
         let mut up = vertical(parts.find(|part| !is_remark(part))?)?;
         if let Some((horizontal, vertical)) = code(node).and_then(table::compound) {
             let known = Definition::of_code(horizontal);
@@ -77,7 +77,8 @@ fn code(node: &Node) -> Option<u32> {
         .find_map(|id| id.text(1)?.trim().parse().ok())
 }
 
-/// A code counts where it means what the text says; a text that says nothing else is its code.
+/// Adds the code of a node if it agrees with the text; a text without more than a code is the
+/// system of the code.
 fn with_code(read: Option<Definition>, kind: CrsKind, node: &Node) -> Option<Definition> {
     let Some(number) = code(node) else { return read };
     let known = Definition::of_kind(kind, number);
@@ -88,7 +89,7 @@ fn with_code(read: Option<Definition>, kind: CrsKind, node: &Node) -> Option<Def
             }
             Some(read)
         }
-        // Younger than the table: the text is all there is to go by.
+        // The code is newer than the table: only the text is known.
         (Some(read), None) => Some(Definition { epsg: Some(number), ..read }),
         (None, known) => known.filter(|_| node.find(GEOGRAPHIC).is_none()),
     }
@@ -97,7 +98,7 @@ fn with_code(read: Option<Definition>, kind: CrsKind, node: &Node) -> Option<Def
 fn geographic(node: &Node) -> Option<Definition> {
     let bare = node.find(DATUM).is_none();
     let read = if bare { None } else { base(node) };
-    // Some files of Earth-centred coordinates wear the keyword of geodetic ones.
+    // Some files of Earth-centred coordinates have the keyword of geodetic ones.
     if node.find(&["CS"]).is_some_and(|cs| cs.name().eq_ignore_ascii_case("Cartesian")) {
         return None;
     }
@@ -131,7 +132,7 @@ fn base(node: &Node) -> Option<Base> {
         unit,
         has_height: node.find(&["CS"]).and_then(|cs| cs.number(1)) == Some(3.0),
     };
-    // The dataset's words for a datum that it knows.
+    // Use the name in the dataset for a datum that it has.
     let known = super::datum_code(&base.datum).and_then(table::datum).map(Base::on_datum);
     Some(match known.filter(|known| known.same(&base)) {
         Some(known) => Base { datum: known.datum, ellipsoid_name: known.ellipsoid_name, ..base },
@@ -157,7 +158,7 @@ fn projected(node: &Node) -> Option<Definition> {
         let mut definition = Definition::projected(base, conversion, unit);
         node.name().clone_into(&mut definition.name);
         let found: Vec<_> = node.nodes().filter(|node| node.is(&["AXIS"])).filter_map(axis).collect();
-        // Two axes south are those around a pole, whose meridians WKT 1 leaves out.
+        // Two axes to the south are those around a pole, whose meridians WKT 1 omits.
         if let Ok(axes) = <[(String, String); 2]>::try_from(found)
             && axes[0].1 != axes[1].1
         {
@@ -168,7 +169,7 @@ fn projected(node: &Node) -> Option<Definition> {
     with_code(read(), CrsKind::Projected, node)
 }
 
-/// Abbreviation and direction.
+/// Abbreviation and direction of an axis.
 fn axis(node: &Node) -> Option<(String, String)> {
     let name = node.name();
     let short = name.rsplit_once('(').map_or(name, |(_, tail)| tail.trim_end_matches(')'));
@@ -187,7 +188,7 @@ fn axis(node: &Node) -> Option<(String, String)> {
     Some((short.to_owned(), direction))
 }
 
-/// A projection, of which WKT 1 has the parts beside the base and WKT 2 in a node of their own.
+/// A projection: WKT 1 has its parts beside the base, WKT 2 in a node of their own.
 fn conversion(node: &Node, base: &Base, unit: f64, of: &Node) -> Option<Conversion> {
     let name = of.name();
     let mut parameters: Vec<(Cow<'static, str>, f64)> = Vec::new();
@@ -214,7 +215,8 @@ fn conversion(node: &Node, base: &Base, unit: f64, of: &Node) -> Option<Conversi
     let named = if node.is(&["CONVERSION"]) { node.name() } else { "unnamed" };
     let method = method.ok_or_else(|| name.to_owned());
     let mut conversion = Conversion { name: named.to_owned(), method, parameters };
-    // One name for axes south and west and for axes east and north: the axes tell, at ESRI a scale of -1.
+    // One name for axes to the south and west and for axes to the east and north: the axes decide,
+    // or at ESRI a scale of -1.
     let mirrored = conversion.given("xscale").map(|scale| scale < 0.0);
     let axes = node.nodes().filter(|node| node.is(&["AXIS"])).filter_map(axis);
     let southward = axes.map(|axis| axis.1).any(|way| way == "south" || way == "west");
@@ -226,24 +228,25 @@ fn conversion(node: &Node, base: &Base, unit: f64, of: &Node) -> Option<Conversi
 }
 
 impl Conversion {
-    /// As [`Self::settle`], of keys, which have one number for what variants of a method share.
+    /// [`Self::settle`] for keys, which have one number for several variants of a method.
     pub fn settle_keys(&mut self) {
         let number = self.method.as_ref().map_or(0, |method| method.code);
         self.settle(if number == 9810 { "Polar_Stereographic" } else { "" });
     }
 
-    /// One form for what several names and sets of parameters can say; `name` is the method in the text.
+    /// Brings the conversion into one form, whichever names and parameters it came with; `name` is
+    /// the method in the text.
     pub(super) fn settle(&mut self, name: &str) {
         let Ok(method) = self.method else { return };
         let by_code = |code| method::by_code(code).ok_or_else(String::new);
         let (lat_1, name) = (self.given("lat_1"), super::plain(name));
         match (method.code, name.as_str()) {
-            // Of one parallel with a scale, or of two.
+            // With one parallel and a scale, or with two parallels.
             (9802, "lambertconformalconic") if self.given("lat_2").is_none() => {
                 self.set("lat_0", lat_1.unwrap_or_else(|| self.value("lat_0")));
                 self.method = by_code(9801);
             }
-            // WKT 1 has one name for both variants, which the parallel tells apart.
+            // WKT 1 has one name for both variants; the parallel distinguishes them.
             (9810, "polarstereographic") if self.value("lat_0").abs() != 90.0 => {
                 self.set("lat_1", self.value("lat_0"));
                 self.method = by_code(9829);
@@ -276,7 +279,7 @@ fn vertical(node: &Node) -> Option<Vertical> {
         return None;
     }
     let axis = node.find(&["AXIS"]);
-    // ESRI says it by a parameter.
+    // ESRI has a parameter for it.
     let esri_down = node.nodes().any(|node| {
         node.is(&["PARAMETER"]) && super::plain(node.name()) == "direction" && node.number(1) == Some(-1.0)
     });
@@ -306,14 +309,14 @@ fn engineering(node: &Node) -> Definition {
     Definition { epsg: None, ..Definition::engineering(name.unwrap_or_default().to_owned(), unit) }
 }
 
-/// The factor of a unit node, by name where it is that of a well-known one printed with few digits.
+/// The factor of a unit node; of a well-known unit printed with few digits the exact one.
 fn factor(node: &Node) -> Option<f64> {
     let value = node.number(1).filter(|&value| value > 0.0)?;
     let known = [1.0, FOOT, US_SURVEY_FOOT, DEGREE, PI / 200.0];
     Some(known.into_iter().find(|&known| (value - known).abs() <= 1e-9 * known).unwrap_or(value))
 }
 
-/// The unit that a node states of itself.
+/// The unit that a node states.
 fn unit_of(node: &Node, keywords: &[&str]) -> Option<f64> {
     factor(node.find(keywords)?)
 }
@@ -330,7 +333,7 @@ fn length_of(node: &Node) -> Option<f64> {
         .or_else(|| node.nodes().filter(|node| node.is(&["AXIS"])).find_map(|axis| unit_of(axis, LENGTH)))
 }
 
-/// Radians of a unit to degrees, without rounding where it is the degree.
+/// Degrees of a value in a unit of `unit` radians, without rounding if the unit is the degree.
 fn degrees(value: f64, unit: f64) -> f64 {
     if unit == epsg::DEGREE { value } else { value * unit / DEGREE }
 }

@@ -9,7 +9,8 @@ use crate::geo::CrsKind;
 const DEGREES: &str = "ANGLEUNIT[\"degree\",0.0174532925199433]";
 
 impl Definition {
-    /// The text of the horizontal part; `None` if its projection has no name in WKT 2 that is known here.
+    /// The text of the horizontal part; `None` if its projection has no name in WKT 2 that is known
+    /// here.
     pub fn wkt(&self) -> Option<String> {
         match self.kind {
             CrsKind::Geographic => geographic(self),
@@ -19,7 +20,7 @@ impl Definition {
     }
 }
 
-/// In quotes, quotes doubled.
+/// The text in quotes, with quotes doubled.
 fn quoted(text: &str) -> String {
     format!("\"{}\"", text.replace('"', "\"\""))
 }

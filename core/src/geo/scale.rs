@@ -1,30 +1,33 @@
-//! Metres of the horizontal distances within one tile (`format-spec.md`, section 2): upper bounds, row by row.
+//! The metres of horizontal distances within one tile (`format-spec.md`, section 2): upper bounds,
+//! row by row.
 
 use super::{CrsKind, Ellipsoid, Geo, Spacing};
 use std::f64::consts::FRAC_PI_2;
 
-/// Covers the rounding of what is computed here, and of the sums made with it.
+/// Factor that covers the rounding of this module, and of the sums made with its results.
 const UP: f64 = 1.0 + 1e-9;
-/// Parallels of a tile that differ by less than this count as one.
+/// Largest ratio of the lengths of two parallels of a tile that count as one.
 const EVEN: f64 = 1.0 + 1.0 / 128.0;
-/// Cosine of the angle between columns and rows above which the plane is not sheared, but widened: there the difference of large
-/// numbers would not be exact enough.
+/// Cosine of the angle between columns and rows above which the plane is not sheared, but widened:
+/// there the difference of large numbers would not be exact enough.
 const FLAT: f64 = 0.999_99;
 
-/// A plane with the lattice in it: a column to the east is `(dx, 0)` metres, a row to the south `(skew, dy)`.
+/// The lattice laid out in a plane: a column to the east is `(dx, 0)` metres, a row to the south
+/// `(skew, dy)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
     /// Length of a column's interval.
     pub dx: f64,
     /// How far a row leans along the columns.
     pub skew: f64,
-    /// Distance of two rows.
+    /// Distance of two neighbouring rows.
     pub dy: f64,
 }
 
 impl Plane {
-    /// The plane of two vectors, in metres, no distance smaller than in theirs, and neither side below a millionth of the
-    /// other: a bound stays one, and nothing is divided by 0.
+    /// A plane for two vectors in metres. No distance is smaller than between the vectors, so
+    /// bounds stay bounds, and neither side is below a millionth of the other, so that no division
+    /// is by 0.
     fn of(column: (f64, f64), row: (f64, f64)) -> Self {
         let (u, v) = (column.0.hypot(column.1), row.0.hypot(row.1));
         let least = (u.max(v) * 1e-6).max(1e-100);
@@ -41,7 +44,7 @@ impl Plane {
         Self { dx: u * UP, skew: v * cos * UP, dy: v * (1.0 - cos * cos).sqrt() * UP }
     }
 
-    /// Where a point `columns` and `rows` away is.
+    /// The vector to a point `columns` and `rows` away.
     #[inline(always)]
     pub fn at(self, columns: f64, rows: f64) -> (f64, f64) {
         (columns * self.dx + rows * self.skew, rows * self.dy)
@@ -63,31 +66,32 @@ impl Plane {
     /// Length of a row's interval.
     #[inline(always)]
     pub fn row(self) -> f64 {
-        // Few rasters are sheared, and this is asked for often.
+        // Few rasters are sheared, and this function is called often.
         if self.skew == 0.0 { self.dy } else { self.skew.hypot(self.dy) }
     }
 }
 
-/// What the metres of a tile depend on.
+/// The vectors of a tile's intervals, from which its planes are made.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     /// An interval along a column, in metres or radians, x and y.
     column: (f64, f64),
     /// An interval along a row.
     row: (f64, f64),
-    /// Where they are radians: the ellipsoid, and the latitude of the tile's first sample.
+    /// If they are in radians: the ellipsoid, and the latitude of the tile's first sample.
     ellipsoid: Option<(Ellipsoid, f64)>,
 }
 
 impl From<Spacing> for Scale {
-    /// Columns and rows at right angles, of one length everywhere.
+    /// A scale of columns and rows at right angles, with the same lengths everywhere.
     fn from(Spacing { dx, dy }: Spacing) -> Self {
         Self { column: (dx, 0.0), row: (0.0, dy), ellipsoid: None }
     }
 }
 
 impl Geo {
-    /// The metres of a tile whose first sample is `(column, row)` of the lattice and whose intervals are `step` samples.
+    /// The scale of a tile whose first sample is `(column, row)` of the lattice and whose intervals
+    /// are `step` samples.
     pub fn scale(&self, (column, row): (u64, u64), step: u64) -> Scale {
         let [_, a, b, _, d, e] = self.transform_or_identity();
         let (unit, (_, y)) = (self.crs.unit, self.world_from_sample(column as f64, row as f64));
@@ -100,23 +104,23 @@ impl Geo {
     }
 }
 
-/// Planes that the rows of a tile may be measured in, from one row to another.
+/// The planes of a tile: one for each range of its rows.
 #[derive(Clone, Debug, Default)]
 pub struct Planes {
     column: (f64, f64),
     row: (f64, f64),
-    /// Metres of a radian of latitude, at most.
+    /// Most metres of a radian of latitude.
     meridian: f64,
-    /// Metres of a radian of longitude, at most: of all rows, or of each interval of rows.
+    /// Most metres of a radian of longitude: one for all rows, or one for each interval of rows.
     parallels: Vec<f64>,
-    /// The interval where they are longest.
+    /// The interval where parallels are longest.
     longest: usize,
     /// The plane of all rows.
     whole: Option<Plane>,
 }
 
 impl Planes {
-    /// Those of a tile of `n` intervals.
+    /// Becomes the planes of a tile of `n` intervals.
     pub fn start(&mut self, scale: &Scale, n: usize) {
         (self.column, self.row) = (scale.column, scale.row);
         self.parallels.clear();
@@ -130,7 +134,7 @@ impl Planes {
         self.whole = Some(self.plane(self.parallels[self.longest]));
     }
 
-    /// The parallels of a geographic raster.
+    /// Sets the parallels of a geographic raster.
     fn start_parallels(&mut self, scale: &Scale, ellipsoid: Ellipsoid, latitude: f64, n: usize) {
         // Latitudes of the columns of a row.
         let (west, east) = (0.0_f64.min(scale.column.1 * n as f64), 0.0_f64.max(scale.column.1 * n as f64));
@@ -139,7 +143,8 @@ impl Planes {
             let [first, last] = [row, row + 1].map(|row| latitude + row as f64 * scale.row.1);
             let south = (first.min(last) + west).clamp(-FRAC_PI_2, FRAC_PI_2);
             let north = (first.max(last) + east).clamp(-FRAC_PI_2, FRAC_PI_2);
-            // A parallel is longest nearest the equator; a meridian's arc is longest nearest a pole.
+            // A parallel is longest nearest the equator; a meridian's arc is longest nearest a
+            // pole.
             let nearest = if south <= 0.0 && north >= 0.0 { 0.0 } else { south.abs().min(north.abs()) };
             farthest = farthest.max(south.abs()).max(north.abs());
             let parallel = ellipsoid.metres_of_radian(nearest).0;
@@ -178,7 +183,7 @@ impl Planes {
     fn over_some(&self, first: usize, last: usize) -> Plane {
         let (first, last) = (first.min(self.parallels.len() - 1), last.max(first + 1) - 1);
         let last = last.min(self.parallels.len() - 1);
-        // They grow to the longest, and shrink from there.
+        // Parallels grow up to the longest and shrink from there.
         let longest = self.longest.clamp(first, last);
         self.plane(self.parallels[longest])
     }

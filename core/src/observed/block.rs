@@ -1,4 +1,4 @@
-//! Vertices against what is drawn over them, a block at a time.
+//! Measures vertices against the surface drawn over them, a block at a time.
 
 use std::ops::Range;
 
@@ -22,7 +22,7 @@ struct Known {
     metres: f64,
 }
 
-/// What a block holds.
+/// The content of a block.
 struct Content {
     low: f64,
     high: f64,
@@ -32,7 +32,7 @@ struct Content {
     misdrawn: u64,
 }
 
-/// Work on one tile of the selection.
+/// The measurement of one tile of the selection.
 pub(super) struct Work<'a> {
     tile: Tile,
     outline: Outline<'a>,
@@ -42,9 +42,10 @@ pub(super) struct Work<'a> {
     sheet: Sheet,
     truth: Vec<f64>,
     observed: Observed,
-    /// Of each patch, below 0 if none of its vertices is in the picture.
+    /// The largest error of each patch; below 0 if none of its vertices is in the view.
     largest: Vec<f64>,
-    /// The last one measured, and the last ones by column modulo [`SIDE`]: distances bound those of their neighbours.
+    /// The last misdrawn vertex measured, and the last ones by column modulo [`SIDE`]: their
+    /// distances bound those of their neighbours.
     known: [Option<Known>; SIDE as usize + 1],
 }
 
@@ -84,7 +85,7 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// All leaves under the tile.
+    /// Measures all leaves under the tile.
     pub fn run(&mut self, reader: &Reader) -> Result<()> {
         let header = reader.header();
         let entry = self.tile.entry;
@@ -111,7 +112,7 @@ impl<'a> Work<'a> {
         Ok(())
     }
 
-    /// What was found.
+    /// The result for tile `tile` of the selection.
     pub fn finish(self, tile: u32) -> Observed {
         let patches = self.largest.iter().enumerate().filter(|(_, pixels)| **pixels >= 0.0);
         let patches =
@@ -128,7 +129,7 @@ impl<'a> Work<'a> {
         let spacing = i64::from(header.spacing(leaf.id.level));
         let side = i64::from(self.tile.patch) * intervals;
         let end = n * intervals;
-        // Vertices between patches, and between leaves, are those of the one to the east or south.
+        // Vertices between patches, and between leaves, belong to the one to the east or south.
         let along = |patch: i64, origin: i64| {
             let (from, to) = ((patch * side).max(origin), ((patch + 1) * side).min(origin + n));
             from - origin..to - origin + i64::from(to == end)
@@ -148,7 +149,8 @@ impl<'a> Work<'a> {
         Ok(())
     }
 
-    /// The blocks of a window: those near the eye show the largest errors, and let the others be passed over.
+    /// The blocks of a window, the nearest first: near the eye errors are largest, so that many of
+    /// the other blocks can be skipped.
     fn nearest_first(&self, place: &Place, window: &Window) -> Vec<Window> {
         let mut all: Vec<Window> = blocks(&window.y)
             .flat_map(|y| blocks(&window.x).map(move |x| Window { x, y: y.clone() }))
@@ -187,7 +189,7 @@ impl<'a> Work<'a> {
             self.observed.misdrawn_vertices += content.misdrawn;
             let largest = &mut self.largest[place.patch];
             *largest = largest.max(0.0);
-            // A smaller difference shows in proportion or less.
+            // A smaller difference moves a pixel in proportion or less.
             let bound =
                 self.view.projected(&space, content.off * self.frame.exaggeration, 0.0) * (1.0 + 1e-9);
             if bound > *largest {
@@ -238,14 +240,14 @@ impl<'a> Work<'a> {
         content
     }
 
-    /// Relative position of a point if it is in the picture.
+    /// Relative position of a point if it is in the view.
     fn in_picture(&self, point: [f64; 3]) -> Option<[f64; 3]> {
         let [x, y, z] = self.view.relative(point);
         let inside = z >= self.view.near && x.abs() <= self.view.tan_x * z && y.abs() <= self.view.tan_y * z;
         inside.then_some([x, y, z])
     }
 
-    /// Counts a vertex of a block that is in the picture in part.
+    /// Counts a vertex of a block that is partly in the view.
     fn count(&mut self, patch: usize, misdrawn: bool) {
         self.observed.vertices += 1;
         self.observed.misdrawn_vertices += u64::from(misdrawn);
@@ -261,7 +263,7 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// A vertex that is drawn at another height.
+    /// Measures a vertex that is drawn at another height.
     fn off(&mut self, patch: usize, vertex: [i64; 2], truth: f64, drawn: f64, counted: bool) {
         let place = |z| self.frame.position(vertex[0] as f64, vertex[1] as f64, z);
         let Some(from) = self.in_picture(place(truth)) else { return };
@@ -273,7 +275,7 @@ impl<'a> Work<'a> {
         self.keep(patch, vertex, (self.pixels(from, to), metres), false);
     }
 
-    /// A vertex that is drawn and void, or valid and not drawn.
+    /// Measures a misdrawn vertex: void and drawn, or valid and not drawn.
     fn misdrawn(&mut self, patch: usize, vertex: [i64; 2], z: f64, counted: bool) -> Result<()> {
         let [column, row] = vertex.map(|v| v as f64);
         let Some(from) = self.in_picture(self.frame.position(column, row, z)) else { return Ok(()) };
@@ -308,7 +310,7 @@ impl<'a> Work<'a> {
         self.view.lambda() * (a[0] / a[2] - b[0] / b[2]).hypot(a[1] / a[2] - b[1] / b[2])
     }
 
-    /// Pixels by which a point can move at most if it moves by so many metres.
+    /// Most pixels by which a point moves on the screen if it moves by `metres`.
     fn most_pixels(&self, [x, y, z]: [f64; 3], metres: f64) -> f64 {
         let left = z - metres;
         if left <= 0.0 {

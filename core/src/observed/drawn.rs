@@ -22,7 +22,7 @@ pub(super) struct Tile {
     pub patches: Vec<Patch>,
 }
 
-/// How a patch is drawn.
+/// A patch as it is drawn.
 pub(super) struct Patch {
     /// The pieces; none if it is not drawn.
     pub pieces: Vec<Piece>,
@@ -49,7 +49,8 @@ struct Corner {
 }
 
 impl Tile {
-    /// Triangles of a patch that something is shown of, with corners in intervals of `2^shift` of this tile's samples over, counted from `origin`.
+    /// The triangles of a patch of which a part is shown. Corners are in intervals of a leaf,
+    /// `2^shift` to one of this tile's, counted from `origin`.
     fn triangles<'a>(
         &'a self,
         patch: u32,
@@ -78,7 +79,7 @@ impl Tile {
             .filter(|corners| corners.iter().any(|corner| corner.valid))
     }
 
-    /// True if a triangle that is shown somewhere meets a square of `side` intervals.
+    /// True if a triangle of which a part is shown meets a square of `side` intervals.
     pub fn meets(&self, meshes: &Meshes, intervals: i64, origin: [i64; 2], side: i64) -> bool {
         let window = Window { x: 0..side + 1, y: 0..side + 1 };
         (0..self.m * self.m).any(|patch| {
@@ -95,7 +96,7 @@ fn extent(values: [i64; 3]) -> (i64, i64) {
     (a.min(b).min(c), a.max(b).max(c))
 }
 
-/// Heights of what is drawn at the vertices of a leaf; NaN where nothing is.
+/// Heights of the drawn surface at the vertices of a leaf; NaN where none is drawn.
 pub(super) struct Sheet {
     /// Vertices on a side.
     row: usize,
@@ -103,7 +104,7 @@ pub(super) struct Sheet {
 }
 
 impl Sheet {
-    /// For leaves of `n` intervals.
+    /// A sheet for leaves of `n` intervals.
     pub fn new(n: usize) -> Self {
         Self { row: n + 1, z: vec![f64::NAN; (n + 1) * (n + 1)] }
     }
@@ -114,8 +115,8 @@ impl Sheet {
         &self.z[start + x.start as usize..start + x.end as usize]
     }
 
-    /// Draws a patch as far as it lies in a window. `intervals` of the leaf are one of the tile's; the leaf starts at `origin`, in its intervals,
-    /// from the tile's corner.
+    /// Draws the part of a patch in a window. One interval of the tile is `intervals` of the leaf;
+    /// the leaf starts at `origin`, in its own intervals, from the tile's corner.
     pub fn draw(
         &mut self,
         tile: &Tile,
@@ -130,7 +131,7 @@ impl Sheet {
             let start = y as usize * self.row + window.x.start as usize;
             let to = &mut self.z[start..start + width];
             if tile.patches[patch as usize].finest && intervals == 1 {
-                // Each vertex is one of the mesh.
+                // Each sample of the tile is a vertex of the mesh.
                 let from = ((y + origin[1]) * i64::from(tile.m * tile.patch + 1) + window.x.start + origin[0])
                     as usize;
                 let samples = tile.heights.metres[from..from + width]

@@ -1,4 +1,4 @@
-//! The leaves under a drawn tile, as far as they are in the picture.
+//! The leaves under a drawn tile that are in the view.
 
 use crate::container::{Header, Reader, TileEntry};
 use crate::error::Result;
@@ -9,13 +9,13 @@ use crate::tile::TileId;
 /// A square of full resolution.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Leaf {
-    /// Which tile.
+    /// The tile, or the square of a missing one.
     pub id: TileId,
-    /// False if there is none: all is void.
+    /// False if the tile does not exist: the square is void.
     pub exists: bool,
 }
 
-/// What the walk asks: the squares without a tile that something is drawn over, and where the picture is.
+/// A walk over the leaves, including the missing tiles over which a surface is drawn.
 pub(super) struct Walk<'a> {
     pub reader: &'a Reader,
     pub frame: &'a Frame,

@@ -1,6 +1,7 @@
-//! The nearest points of the outline at full resolution: where validity, linear in the triangles of the leaves, is 1/2.
+//! The nearest points of the outline at full resolution: where validity, linear in the triangles of
+//! the leaves, is 1/2.
 //!
-//! It is looked for in rings of cells around a vertex, inside out.
+//! The search goes through rings of cells around a vertex, inside out.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -11,15 +12,15 @@ use crate::sample::{Lattice, VALID};
 use crate::select::view::Frame;
 use crate::surface;
 
-/// Leaves that are kept at hand.
+/// Most leaves that are cached.
 const KEPT: usize = 64;
-/// Distances that differ by no more are alike.
+/// Largest ratio of two distances that count as equal.
 const TIE: f64 = 1.0 + 1e-9;
 
 /// A leaf, by the column and row of its square among those of the finest level.
 type Square = (u64, u64);
 
-/// Looks for the outline.
+/// A search for the outline of a file.
 pub(super) struct Outline<'a> {
     reader: &'a Reader,
     frame: &'a Frame,
@@ -29,7 +30,7 @@ pub(super) struct Outline<'a> {
     last: Option<(Square, Option<Arc<Found>>)>,
 }
 
-/// A leaf and where it is.
+/// A leaf and its place.
 struct Found {
     lattice: Arc<Lattice>,
     /// Binary logarithm of its spacing.
@@ -38,17 +39,17 @@ struct Found {
     origin: [i64; 2],
 }
 
-/// The nearest points.
+/// The nearest points of the outline.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Nearest {
     /// Metres of the frame; infinite if there is no outline.
     pub metres: f64,
-    /// Columns and rows; several if they are as near.
+    /// Columns and rows of the points; several if they are equally near.
     pub points: Vec<[f64; 2]>,
 }
 
 impl<'a> Outline<'a> {
-    /// Of a file.
+    /// The search of a file.
     pub fn new(reader: &'a Reader, frame: &'a Frame) -> Self {
         let header = reader.header();
         let side = i64::from(header.tile()) << header.levels;
@@ -146,7 +147,7 @@ impl<'a> Outline<'a> {
 }
 
 impl Nearest {
-    /// Takes a piece of the outline in.
+    /// Adds a piece of the outline.
     fn add(&mut self, frame: &Frame, from: [f64; 2], p: [f64; 2], q: [f64; 2]) {
         let metres = |point: [f64; 2]| ((point[0] - from[0]) * frame.dx, (point[1] - from[1]) * frame.dy);
         let ((ax, ay), (bx, by)) = (metres(p), metres(q));

@@ -1,4 +1,5 @@
-//! A file as a map: its pages become memory of the process when they are touched, without a call for each read.
+//! A file mapped into memory: its pages are loaded when they are touched, without a call for each
+//! read.
 
 use std::io;
 use std::path::Path;
@@ -9,9 +10,10 @@ use super::ReadAt;
 
 /// A file that is mapped into memory, for trusted local files.
 ///
-/// Relevo itself replaces a finished `.rlv` file only by a rename, which leaves a map as it is. A program that *truncates*
-/// the file while it is mapped ends this process with SIGBUS (on Windows it is not allowed to); one that writes into
-/// it changes bytes that a CRC has passed. Reading by position, the default, gives errors instead.
+/// Relevo itself replaces a finished `.rlv` file only by a rename, which leaves a map as it is. A
+/// program that *truncates* the file while it is mapped ends this process with SIGBUS (on Windows
+/// it is not allowed to); one that writes into it changes bytes that a CRC has passed. Reading by
+/// position, the default, gives errors instead.
 pub struct Map(Mmap);
 
 impl Map {
@@ -21,8 +23,9 @@ impl Map {
     /// Those of [`super::open`], and of the system.
     pub fn open(path: &Path) -> io::Result<Self> {
         let file = super::open(path)?;
-        // SAFETY: the map is only ever read through `ReadAt`, which copies out of it, so no reference to bytes that
-        // might change outlives a call. That nobody truncates the file is what the caller of this type answers for.
+        // SAFETY: the map is only ever read through `ReadAt`, which copies out of it, so no
+        // reference to bytes that might change outlives a call. That nobody truncates the file is
+        // what the caller of this type answers for.
         #[expect(unsafe_code, reason = "mapping is unsafe for what other programs may do")]
         let map = unsafe { Mmap::map(&file)? };
         Ok(Self(map))

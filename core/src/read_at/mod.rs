@@ -1,4 +1,5 @@
-//! Bytes that are read by position: a file, bytes in memory, or whatever a program has, such as ranges of a file on a server.
+//! Bytes that are read by position: a file, bytes in memory, or a program's own source, such as
+//! ranges of a file on a server.
 
 use std::io;
 
@@ -10,8 +11,8 @@ pub use map::Map;
 
 /// Bytes that can be read from any position, by several threads at a time.
 ///
-/// A [`Reader`](crate::Reader) reads through it alone. Bytes that are not what was written are found by their CRCs, so an
-/// implementation need not hold what it gets against anything.
+/// A [`Reader`](crate::Reader) reads only through this trait. It finds damaged bytes by their CRCs,
+/// so an implementation need not check the bytes that it delivers.
 ///
 /// ```
 /// use relevo_core::ReadAt;
@@ -23,16 +24,16 @@ pub use map::Map;
 /// assert!(bytes.read_exact_at(&mut two, 3).is_err());
 /// ```
 pub trait ReadAt: Send + Sync {
-    /// Number of bytes there are.
+    /// The number of bytes.
     ///
     /// # Errors
     /// Those of the system.
     fn byte_count(&self) -> io::Result<u64>;
 
-    /// Fills `bytes` with those from `offset` on.
+    /// Fills `bytes` with the bytes from `offset` on.
     ///
     /// # Errors
-    /// [`io::ErrorKind::UnexpectedEof`] if they end before; those of the system.
+    /// [`io::ErrorKind::UnexpectedEof`] if the bytes end before; the errors of the system.
     fn read_exact_at(&self, bytes: &mut [u8], offset: u64) -> io::Result<()>;
 }
 
@@ -56,7 +57,7 @@ impl ReadAt for &'static [u8] {
     }
 }
 
-/// Copies the bytes from `offset` on.
+/// Copies bytes of `from`, from `offset` on.
 fn copy(from: &[u8], to: &mut [u8], offset: u64) -> io::Result<()> {
     let start = usize::try_from(offset).ok().filter(|&start| start <= from.len());
     let found = start.and_then(|start| from[start..].get(..to.len()));
@@ -75,7 +76,8 @@ mod files {
 
     use super::ReadAt;
 
-    /// Reads by position, whatever the cursor is, so that threads share one open file. (On Windows the cursor moves.)
+    /// Reads by position and ignores the cursor, so that threads share one open file. (On Windows
+    /// the cursor moves.)
     impl ReadAt for File {
         fn byte_count(&self) -> io::Result<u64> {
             self.metadata().map(|found| found.len())
@@ -107,8 +109,8 @@ mod files {
     /// Opens a file to read it by position.
     ///
     /// # Errors
-    /// Those of the system; [`io::ErrorKind::InvalidInput`] for a pipe, which would have the program wait for whoever
-    /// writes to it, and for a device, which may have no end.
+    /// Those of the system; [`io::ErrorKind::InvalidInput`] for a pipe, which would make the
+    /// program wait for a writer, and for a device, which may have no end.
     pub fn open(path: &Path) -> io::Result<File> {
         let refuse = |found: &fs::Metadata| -> io::Result<()> {
             if found.is_dir() {
@@ -120,7 +122,7 @@ mod files {
             let what = "it is a pipe or a device, which cannot be read here and there; copy it to a file";
             Err(io::Error::new(io::ErrorKind::InvalidInput, what))
         };
-        // To open a pipe is to wait already.
+        // Opening a pipe waits already.
         refuse(&fs::metadata(path)?)?;
         let file = File::open(path)?;
         refuse(&file.metadata()?)?;

@@ -9,7 +9,7 @@
 //! face up in a frame with z up.
 //!
 //! ```text
-//! +---+---+---+---+     N  the strip of the north edge; E, S and W are strips turned by quarter turns
+//! +---+---+---+---+     N  the strip of the north edge; turned, it gives E, S and W
 //! |\ N| N | N |N /|     I  the interior: the cells that do not touch the border
 //! |W\ |   |   | /E|
 //! +---+---+---+---+     A cell of a strip beside a finer edge:

@@ -31,8 +31,8 @@ pub struct Chosen {
 /// The tiles to draw, and those to load.
 #[derive(Clone, Debug, Default)]
 pub struct Selection {
-    /// The tiles to draw, coarse ones first, row by row: a cut of the quadtree, without the tiles outside the
-    /// view.
+    /// The tiles to draw, coarse ones first, row by row: a cut of the quadtree, without the tiles
+    /// outside the view.
     pub tiles: Vec<Chosen>,
     /// Patches along a side of a tile, `m`.
     pub patches: u32,
@@ -42,7 +42,7 @@ pub struct Selection {
     pub rounds: u32,
     /// Tiles to load, the most urgent first.
     pub wanted: Vec<Wanted>,
-    /// Largest projected error, in pixels, of a drawn tile at its full resolution: above the tolerance while
-    /// tiles are wanted.
+    /// Largest projected error, in pixels, of a drawn tile at its full resolution: above the
+    /// tolerance while tiles are wanted.
     pub promised: f64,
 }

@@ -1,6 +1,8 @@
-//! The EPSG dataset as far as rasters need it: ellipsoids, datums, geographic, projected and vertical systems.
+//! The part of the EPSG dataset that rasters need: ellipsoids, datums, geographic, projected and
+//! vertical systems.
 //!
-//! `table.z` is made by tools/epsg.py, which says how; the dataset is EPSG v10.076 (IOGP). Rows are found by code.
+//! `table.z` is made by tools/epsg.py, which says how; the dataset is EPSG v10.076 (IOGP). Rows are
+//! found by code.
 
 use std::io::Read;
 use std::sync::OnceLock;
@@ -31,7 +33,7 @@ pub struct NamedEllipsoid {
     pub shape: Ellipsoid,
 }
 
-/// A geodetic datum with what it stands on.
+/// A geodetic datum with its ellipsoid and meridian.
 pub struct Datum {
     pub name: &'static str,
     /// ESRI's name for it without `D_`; empty if it is the same.
@@ -39,7 +41,8 @@ pub struct Datum {
     pub ellipsoid: NamedEllipsoid,
     /// Name, and degrees east of Greenwich.
     pub meridian: (&'static str, f64),
-    /// Metres within which it is WGS 84 by the dataset's word: a transformation of nothing but zeros leads there.
+    /// Metres within which it is WGS 84 by the dataset, which has a transformation of zeros between
+    /// them.
     pub within: Option<f64>,
 }
 
@@ -49,7 +52,7 @@ pub struct Geographic {
     pub datum: Datum,
     /// EPSG code of the unit of its angles.
     pub unit: u32,
-    /// True if ellipsoidal heights belong to it.
+    /// True if it includes ellipsoidal heights.
     pub has_height: bool,
 }
 
@@ -118,7 +121,7 @@ fn fields(section: Section, code: u32) -> Option<std::str::Split<'static, char>>
     Some(rows[at].1.split('|'))
 }
 
-/// A code that is left out where it is the usual one.
+/// A code that is omitted if it is the usual one.
 fn or(field: &str, usual: u32) -> Option<u32> {
     if field.is_empty() { Some(usual) } else { field.parse().ok() }
 }

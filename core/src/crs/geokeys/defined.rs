@@ -1,4 +1,4 @@
-//! What keys say of the horizontal system, key by key.
+//! The horizontal system that keys define.
 
 use std::borrow::Cow;
 
@@ -12,14 +12,14 @@ use crate::crs::epsg::table;
 use crate::crs::{Base, Conversion, Definition, PE_STRING, method};
 use crate::geo::{Crs, CrsKind, Ellipsoid, GeoKeys};
 
-/// A system as far as keys define it.
+/// A system, as far as keys define it.
 pub(super) enum Defined {
     Whole(Box<Definition>),
-    /// Kind, unit and name, but no datum or no projection that is known.
+    /// Kind, unit and name, but no known datum or projection.
     Part(Box<Crs>),
 }
 
-/// The definition behind keys, if they have one.
+/// The definition that keys have, if any.
 pub fn definition(keys: &GeoKeys) -> Option<Definition> {
     match read(keys) {
         Defined::Whole(definition) if definition.kind != CrsKind::Engineering => Some(*definition),
@@ -32,11 +32,11 @@ pub(super) fn read(keys: &GeoKeys) -> Defined {
     match short(keys, MODEL_TYPE) {
         Some(1) => projected(keys, projected_code),
         Some(2) => geographic(keys),
-        // Geocentric coordinates are no raster's plane.
+        // Geocentric coordinates are not the plane of a raster.
         Some(3) => engineering(keys),
         Some(USER_DEFINED) | None if projected_code.is_some() => projected(keys, projected_code),
         None if code(keys, GEODETIC_CRS).is_some() && esri(keys).is_none() => geographic(keys),
-        // A model that is none of GeoTIFF's: a text, or nothing that is known, whatever other keys stand beside.
+        // A model that GeoTIFF does not define: a text or unknown, whatever the other keys are.
         _ => esri(keys).unwrap_or_else(|| engineering(keys)),
     }
 }
@@ -45,7 +45,7 @@ fn whole(definition: Definition) -> Defined {
     Defined::Whole(Box::new(definition))
 }
 
-/// The text of ESRI's that GDAL writes too where keys have no words.
+/// The ESRI text that GDAL also writes where keys are not enough.
 fn esri(keys: &GeoKeys) -> Option<Defined> {
     let text = [PROJECTED_CITATION, CITATION, GEODETIC_CITATION]
         .into_iter()
@@ -70,7 +70,8 @@ fn engineering(keys: &GeoKeys) -> Defined {
 
 fn geographic(keys: &GeoKeys) -> Defined {
     let code = code(keys, GEODETIC_CRS);
-    // Some files have the code of a projected system in the model of geographic ones: that of its datum is meant.
+    // Some files have the code of a projected system in the model of geographic ones: its datum is
+    // meant.
     let of_projected = || table::projected(super::code(keys, PROJECTED_CRS)?).map(|row| row.base);
     if let Some(base) = code.or_else(of_projected).and_then(Base::of_code) {
         return whole(in_unit(keys, Definition::geographic(base)));
@@ -88,7 +89,8 @@ fn geographic(keys: &GeoKeys) -> Defined {
     }))
 }
 
-/// A code says the unit, but for codes in grads in files that state degrees: GDAL reads those in degrees.
+/// The code has the unit, except codes in grads in files that state degrees: GDAL reads those in
+/// degrees.
 fn in_unit(keys: &GeoKeys, mut definition: Definition) -> Definition {
     if code(keys, ANGULAR_UNIT).is_some_and(|unit| matches!(unit, 9102 | 9122)) {
         definition.unit = epsg::DEGREE;
@@ -129,7 +131,7 @@ fn base(keys: &GeoKeys) -> Option<Base> {
     {
         name.clone_into(&mut base.name);
     }
-    // A datum has its ellipsoid; other axes beside it make another datum.
+    // A datum has its ellipsoid; keys with other axes define another datum.
     if let Some((_, shape)) = ellipsoid(keys)
         && is_named
         && !(near(shape.a, base.ellipsoid.a)
@@ -153,7 +155,7 @@ fn near(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-7 * a.abs().max(b.abs())
 }
 
-/// The ellipsoid that the keys spell out or give the code of.
+/// The ellipsoid by its axes or its code.
 fn ellipsoid(keys: &GeoKeys) -> Option<(&'static str, Ellipsoid)> {
     let metres = length(keys, GEODETIC_LINEAR_UNIT, GEODETIC_LINEAR_UNIT_SIZE).unwrap_or(1.0);
     let length =
@@ -162,7 +164,7 @@ fn ellipsoid(keys: &GeoKeys) -> Option<(&'static str, Ellipsoid)> {
     let Some(a) = length(SEMI_MAJOR) else { return by_code() };
     let inverse_flattening = match (double(keys, INVERSE_FLATTENING), length(SEMI_MINOR)) {
         (Some(given), _) if given > 1.0 => given,
-        // A body longer than wide is taken for a sphere.
+        // A prolate ellipsoid is taken for a sphere.
         (None, Some(b)) if b < a => a / (a - b),
         _ => 0.0,
     };
@@ -172,7 +174,7 @@ fn ellipsoid(keys: &GeoKeys) -> Option<(&'static str, Ellipsoid)> {
 fn projected(keys: &GeoKeys, code: Option<u32>) -> Defined {
     let unit = length(keys, LINEAR_UNIT, LINEAR_UNIT_SIZE);
     if let Some(mut definition) = code.and_then(|code| Definition::of_kind(CrsKind::Projected, code)) {
-        // In another unit it is another system than that of the code, as in GDAL.
+        // With another unit it is another system than that of the code, as in GDAL.
         if unit.is_some_and(|unit| !near(unit, definition.unit)) {
             definition.epsg = None;
             definition.unit = unit.unwrap_or(definition.unit);
@@ -205,7 +207,7 @@ fn projected(keys: &GeoKeys, code: Option<u32>) -> Defined {
     }))
 }
 
-/// Which keys hold a parameter, in the order in which GDAL looks.
+/// The keys that may hold each parameter, in the order of GDAL.
 const PARAMETERS: &[(&str, &[u16])] = &[
     ("lat_0", &[3081, 3085, 3089]),
     ("lon_0", &[3080, 3084, 3088]),
@@ -217,14 +219,14 @@ const PARAMETERS: &[(&str, &[u16])] = &[
     ("x_0", &[3082, 3086, 3090]),
     ("y_0", &[3083, 3087, 3091]),
 ];
-/// The same where a cone's false origin goes first.
+/// The keys for a cone, whose false origin goes first.
 const OF_CONE: &[(&str, &[u16])] = &[
     ("lat_0", &[3085, 3081, 3089]),
     ("lon_0", &[3084, 3080, 3088]),
     ("x_0", &[3086, 3082, 3090]),
     ("y_0", &[3087, 3083, 3091]),
 ];
-/// And where a pole's straight meridian does.
+/// The keys for a polar method, whose straight meridian goes first.
 const OF_POLE: &[(&str, &[u16])] = &[("lon_0", &[3095, 3080, 3084, 3088])];
 
 /// The projection: by its code, or by method and parameters.
@@ -255,7 +257,7 @@ fn conversion(keys: &GeoKeys, base: &Base, unit: f64) -> Option<Conversion> {
     if conversion.value("k_0") == 0.0 {
         conversion.set("k_0", 1.0);
     }
-    // Where the key of the rectified grid is missing, GDAL takes a right angle.
+    // If the key of the rectified grid is missing, GDAL uses a right angle.
     if matches!(method.code, 9812 | 9815) && conversion.value("gamma") == 0.0 {
         conversion.set("gamma", 90.0);
     }
@@ -263,7 +265,8 @@ fn conversion(keys: &GeoKeys, base: &Base, unit: f64) -> Option<Conversion> {
     Some(conversion)
 }
 
-/// Methods by the numbers of GeoTIFF's key `ProjMethodGeoKey`, which newer files have as EPSG codes.
+/// Methods by the numbers of GeoTIFF's key `ProjMethodGeoKey`, which newer files have as EPSG
+/// codes.
 fn method_of(number: u16) -> Option<&'static method::Method> {
     let code = match number {
         1 => 9807,
@@ -305,7 +308,8 @@ fn part<'a>(citation: &'a str, word: &str) -> Option<&'a str> {
         .map(str::trim)
 }
 
-/// A name for people out of the citations, which some programs fill with `PCS Name = ...|Datum = ...|`.
+/// A name for people out of the citations, which some programs fill with
+/// `PCS Name = ...|Datum = ...|`.
 fn name(keys: &GeoKeys, order: [u16; 3]) -> String {
     let found =
         order.into_iter().filter_map(|key| text(keys, key)).find(|text| !text.is_empty()).unwrap_or_default();

@@ -103,7 +103,8 @@ fn texts_of_one_system_are_one() {
     assert!(wrong.is_empty(), "{}\n{} wrong", wrong.join("\n"), wrong.len());
 }
 
-/// Writes and reads every system of the EPSG table; the texts go where the variable says, for other programs to read.
+/// Writes and reads every system of the EPSG table; the texts go where the variable says, for other
+/// programs to read.
 #[test]
 fn every_code_goes_through_its_text() {
     let codes = table::projected_codes()
