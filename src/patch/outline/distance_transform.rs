@@ -102,7 +102,7 @@ impl FeatureRow for Outline<'_> {
 }
 
 /// The samples of one kind, and the centres of the blocks that hold that kind only inside.
-struct Kind<'a> {
+struct OfKind<'a> {
     valid: &'a [u8],
     /// 1 for each of the `n x n` blocks that holds both kinds.
     is_mixed: &'a [u8],
@@ -111,7 +111,7 @@ struct Kind<'a> {
     kind: u8,
 }
 
-impl FeatureRow for Kind<'_> {
+impl FeatureRow for OfKind<'_> {
     #[inline(always)]
     /// Sets `even` and `odd`, the even and odd half columns of a half row, to 1 at features and 0
     /// elsewhere.
@@ -197,7 +197,7 @@ impl DistanceTransform {
     /// Becomes the transform of the samples of one kind, and of the centres of the blocks that hold
     /// that kind only inside. `is_mixed` is 1 for each of the `n x n` blocks that holds both kinds.
     pub(super) fn of_kind(&mut self, valid: &[u8], is_mixed: &[u8], n: usize, kind: bool) {
-        self.fill(n, Kind { valid, is_mixed, n, kind: u8::from(kind) });
+        self.fill(n, OfKind { valid, is_mixed, n, kind: u8::from(kind) });
     }
 
     fn fill(&mut self, n: usize, of: impl FeatureRow) {
