@@ -1,4 +1,4 @@
-//! `relevo add`: an imagery layer into a file that is there.
+//! `relevo add`: puts an imagery layer into a finished file.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -14,33 +14,33 @@ use crate::cli::progress::{Mode, Show};
 use crate::cli::table::{Table, bytes, count, plural, seconds, short, wrapped};
 use crate::cli::{Outcome, json, shown, voice};
 
-/// Put imagery into a .rlv file, or other imagery in its place; the heights stay as they are
+/// Put imagery into a .rlv file, in place of any that it has; the heights stay as they are
 #[derive(clap::Args)]
 pub struct Args {
-    /// The .rlv file. Until all is done it stays as it is
+    /// The .rlv file; it is replaced once the new one is complete
     #[arg(value_name = "FILE.rlv")]
     file: PathBuf,
-    /// Threads that work at the same time [default: one for each core]
+    /// Use N threads [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
-    /// Keep within this much memory (256MiB, 2GiB); slower then if parts of pictures have to be
+    /// Use at most this much memory, such as 256MiB or 2GiB; slower if blocks of pictures must be
     /// decoded again
     #[arg(long, value_name = "SIZE", value_parser = size)]
     memory: Option<u64>,
-    /// Make an error of what is warned of; the file stays as it is
+    /// Treat warnings as errors; the file then stays as it is
     #[arg(long)]
     strict: bool,
-    /// How to show progress
+    /// Choose how progress is shown
     #[arg(long, value_enum, default_value = "auto")]
     progress: Mode,
-    /// The report as JSON
+    /// Print the report as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     imagery: Imagery,
 }
 
-/// Adds, and says what was made.
+/// Adds the layer and prints the report.
 pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     if args.imagery.files.is_empty() {
         return Err(Error::usage("which pictures? name them: --imagery FILE...").into());
@@ -72,7 +72,7 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-/// How the layer is stored.
+/// The options of the library for storing the layer.
 pub fn layer_options(imagery: &Imagery) -> Result<LayerOptions, Error> {
     Ok(LayerOptions {
         codec: imagery.codec.parse()?,
@@ -88,7 +88,7 @@ fn print(args: &Args, report: &AddReport, out: &mut dyn Write) -> std::io::Resul
     writeln!(out, "{}", wrapped(&format!("{}: {size} in all, made in {time}", shown(&args.file)), 2))
 }
 
-/// Says what a layer has become.
+/// Prints the report of a new layer.
 pub fn print_layer(layer: &LayerReport, out: &mut dyn Write) -> std::io::Result<()> {
     let header = &layer.header;
     let tiles = plural(header.tiles, "tile", "tiles");
@@ -116,8 +116,8 @@ pub fn print_layer(layer: &LayerReport, out: &mut dyn Write) -> std::io::Result<
     table.print(out)
 }
 
-/// The size of tiles with which texels are as large as pixels, if this one's are not, by a
-/// twentieth.
+/// The tile size at which a texel is as large as a pixel; `None` if texels of tiles of `tile`
+/// already are, within a twentieth.
 fn better_tile(tile: u32, (x, y): (f64, f64)) -> Option<u32> {
     let pixels = (x * y).sqrt();
     let better = (f64::from(tile) * pixels / 4.0).round() * 4.0;
@@ -125,8 +125,8 @@ fn better_tile(tile: u32, (x, y): (f64, f64)) -> Option<u32> {
     (differs && better != f64::from(tile)).then_some(better as u32)
 }
 
-/// Which bands became colours and what they were stretched from; nothing if they were taken as they
-/// are.
+/// The end of a line that names the bands used as colours and the values they were stretched
+/// from; empty if samples were taken unchanged.
 pub fn rule(bands: &[u32], stretch: &[(f64, f64)]) -> String {
     let taken_as_they_are = bands == [1] || bands == [1, 2, 3];
     let bands: Vec<String> = bands.iter().map(ToString::to_string).collect();

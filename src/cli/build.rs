@@ -1,4 +1,4 @@
-//! `relevo build`: a DEM to a container, with a report of what was made.
+//! `relevo build`: makes a container from a DEM and prints a report.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ use crate::cli::imagery::Imagery;
 use crate::cli::origins;
 use crate::cli::progress::{Mode, Show};
 use crate::cli::table::{bytes, plural, seconds, short, wrapped};
-use crate::cli::warnings::{refuse, say, told};
+use crate::cli::warnings::{print_warnings, refuse, with_options};
 use crate::cli::{Failure, Outcome, each, inputs, json, shown, verify, voice};
 
 mod dry;
@@ -32,60 +32,60 @@ mod dry;
 pub struct Args {
     #[command(flatten)]
     dem: Dem,
-    /// The file to make [default: the (first) DEM's name with .rlv, in the current folder]
+    /// Write this file [default: the name of the (first) DEM with .rlv, in the current folder]
     #[arg(short, long, value_name = "OUT.rlv")]
     output: Option<PathBuf>,
-    /// Every DEM to a file of its own in this folder; of a folder, all rasters in it (not in
-    /// folders within); --resume passes over what is done and unchanged
+    /// Build one file from every DEM, into this folder; a folder among the DEMs stands for the
+    /// rasters directly in it, and --resume skips files that are up to date
     #[arg(long, value_name = "OUTDIR", conflicts_with_all = ["output", "window", "dry_run"])]
     each: Option<PathBuf>,
-    /// Intervals of a tile: a power of two, 16 to 1024
+    /// Make tiles with this many intervals along a side: a power of two, 16 to 1024
     #[arg(long, default_value_t = 256, value_name = "N")]
     tile: u32,
-    /// Intervals of a patch: a power of two, 4 to 64
+    /// Make patches with this many intervals along a side: a power of two, 4 to 64
     #[arg(long, default_value_t = 32, value_name = "N")]
     patch: u32,
-    /// Geometric error: `bound` is never below the true deviation, `paper` is the one-step maximum
-    /// of the papers
+    /// Store this geometric error: `bound` is never below the true deviation, `paper` is the
+    /// one-step maximum of the papers
     #[arg(long, default_value = "bound", value_name = "bound|paper", value_parser = ["bound", "paper"])]
     metric: String,
-    /// Quantise heights to this many metres (off by at most half of it); lossless without
+    /// Quantise heights to this many metres, off by at most half of it [default: lossless]
     #[arg(long, value_name = "M")]
     precision: Option<f64>,
-    /// Threads that work at the same time [default: one for each core]
-    #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    jobs: Option<u16>,
-    /// Replace OUT.rlv if it is there, and an unfinished build of it
-    #[arg(long, short)]
-    force: bool,
-    /// Go on with an unfinished build of OUT.rlv; begin one if there is none
-    #[arg(long)]
-    resume: bool,
-    /// Seconds between two checkpoints, from which --resume goes on
-    #[arg(long, default_value_t = pipeline::CHECKPOINT.as_secs_f64(), value_name = "SECONDS", value_parser = interval)]
-    checkpoint: f64,
-    /// Keep within this much memory (256MiB, 2GiB), imagery included, by building strips one after
-    /// the other if the DEM is wide; slower then
-    #[arg(long, value_name = "SIZE", value_parser = size)]
-    memory: Option<u64>,
-    /// Build these tiles of the leaf level only, from column X0 and row Y0 up to X1 and Y1: OUT is
-    /// then a piece for `relevo merge`
+    /// Build only the leaf tiles from column X0 and row Y0 up to, not including, X1 and Y1, as a
+    /// piece for `relevo merge`
     #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = window, conflicts_with_all = ["dry_run", "verify", "json", "memory"])]
     window: Option<Rect>,
-    /// Make an error of what is warned of, before OUT.rlv is there
-    #[arg(long)]
-    strict: bool,
-    /// Say what would be made, and what time, memory and disk it takes; some tiles are tried for
-    /// it, nothing is written
+    /// Print what would be made, and its time, memory and disk space, estimated from some tiles;
+    /// write nothing
     #[arg(long)]
     dry_run: bool,
-    /// Then check the file: checksums, structure, invariants, and every sample against the DEM
+    /// Check the finished file: checksums, structure, invariants, and every sample against the DEM
     #[arg(long, conflicts_with = "json")]
     pub(super) verify: bool,
-    /// How to show progress
+    /// Use N threads [default: one for each core]
+    #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
+    /// Use at most this much memory, such as 256MiB or 2GiB, imagery included; slower if a wide
+    /// DEM must be built in strips, one after the other
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    memory: Option<u64>,
+    /// Replace OUT.rlv, or an unfinished build of it, if it exists
+    #[arg(long, short)]
+    force: bool,
+    /// Continue an unfinished build of OUT.rlv, or begin one
+    #[arg(long)]
+    resume: bool,
+    /// Save the state for --resume after every SECONDS
+    #[arg(long, default_value_t = pipeline::CHECKPOINT.as_secs_f64(), value_name = "SECONDS", value_parser = interval)]
+    checkpoint: f64,
+    /// Treat warnings as errors, before OUT.rlv is there
+    #[arg(long)]
+    strict: bool,
+    /// Choose how progress is shown
     #[arg(long, value_enum, default_value = "auto")]
     pub(super) progress: Mode,
-    /// The report (or the plan) as JSON
+    /// Print the report, or the plan, as JSON
     #[arg(long)]
     pub(super) json: bool,
     #[command(flatten)]
@@ -94,7 +94,7 @@ pub struct Args {
     pub(super) imagery: Imagery,
 }
 
-/// Builds, or plans.
+/// Builds the file, or plans it with `--dry-run`.
 pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let dem = Dem { dems: inputs::expand(&args.dem.dems)? };
     let options = options(args, &dem);
@@ -110,8 +110,8 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
         check_name(&output)?;
     }
     let source = args.source.open(&dem.dems)?;
-    let warnings = told(&source.info().warnings);
-    say(&warnings);
+    let warnings = with_options(&source.info().warnings);
+    print_warnings(&warnings);
     refuse(&warnings, args.strict)?;
     let plan = pipeline::plan(source.info(), &options)?;
     let pictures = args.imagery.open(&source.info().geo.crs, args.memory, args.strict)?;
@@ -135,9 +135,9 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let report = build.progress(&show).run(&output);
     show.finish();
     let mut report = report.map_err(|error| failure(error, dem.first(), &output))?;
-    say(&told(&report.warnings[source.info().warnings.len()..]));
-    report.warnings = told(&report.warnings);
-    tell(args, (&dem, source.info()), (&report, &output), out)?;
+    print_warnings(&with_options(&report.warnings[source.info().warnings.len()..]));
+    report.warnings = with_options(&report.warnings);
+    print_result(args, (&dem, source.info()), (&report, &output), out)?;
     if args.verify {
         if !voice::quiet() {
             writeln!(out)?;
@@ -147,14 +147,14 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What the command line asks for.
+/// The options of the library that the command line gives.
 fn options(args: &Args, dem: &Dem) -> BuildOptions {
     BuildOptions {
         tile: args.tile,
         patch: args.patch,
         metric: if args.metric == "paper" { Metric::Paper } else { Metric::Bound },
         precision_m: args.precision,
-        // Of several files it has been applied to each as it was opened.
+        // With several files `--nodata` was applied to each one as it was opened.
         nodata: args.source.nodata.filter(|_| dem.dems.len() == 1 || args.each.is_some()),
         strict: args.strict,
         jobs: args.jobs.map(usize::from),
@@ -165,8 +165,8 @@ fn options(args: &Args, dem: &Dem) -> BuildOptions {
     }
 }
 
-/// Says what was made, as it was asked for.
-fn tell(
+/// Prints the report as text or JSON.
+fn print_result(
     args: &Args,
     (dem, info): (&Dem, &SourceInfo),
     (report, output): (&Report, &Path),
@@ -184,8 +184,8 @@ fn tell(
     report.imagery.as_ref().map_or(Ok(()), |layer| print_layer(layer, out))
 }
 
-/// Where to write: never over what is named on the command line. What that reads in its turn the
-/// library knows.
+/// The path of the file to make, which is never one that the command line names as an input. The
+/// library checks the files that these inputs refer to.
 fn output(args: &Args, dem: &Dem) -> Result<PathBuf, Error> {
     let output = match &args.output {
         Some(path) => path.clone(),
@@ -195,13 +195,13 @@ fn output(args: &Args, dem: &Dem) -> Result<PathBuf, Error> {
     Ok(output)
 }
 
-/// Everything that the command line names to be read.
+/// All files that the command line names as inputs: lists, DEMs and pictures.
 pub(super) fn named_inputs(args: &Args, dems: &[PathBuf]) -> Vec<PathBuf> {
     let lists = inputs::lists(&args.dem.dems);
     lists.into_iter().chain(dems.iter().chain(&args.imagery.files).cloned()).collect()
 }
 
-/// Fails unless a file of this name is what is made: another suffix would promise another format.
+/// Fails unless the name ends in `.rlv`: another suffix would promise another format.
 pub fn check_name(output: &Path) -> Result<(), Error> {
     if output.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("rlv")) {
         return Ok(());
@@ -210,14 +210,15 @@ pub fn check_name(output: &Path) -> Result<(), Error> {
     Err(Error::usage(format!("{name}: expected a name that ends in .rlv, such as {right}")))
 }
 
-/// Name of the file that is made of a DEM unless told otherwise.
+/// The default name of the file made from a DEM.
 pub fn output_name(dem: &Path) -> PathBuf {
     let mut name = source::stem(dem);
     name.push(".rlv");
     PathBuf::from(name)
 }
 
-/// Errors without a path came from the raster. Where a state was left, the message says so.
+/// The failure of a build: an error without a path is given that of the DEM, and the message names
+/// the work folder if the build can be resumed.
 pub fn failure(error: Error, dem: &Path, output: &Path) -> Failure {
     let error = error.at(dem);
     match resumable(output) {
@@ -226,7 +227,7 @@ pub fn failure(error: Error, dem: &Path, output: &Path) -> Failure {
     }
 }
 
-/// `--window X0,Y0,X1,Y1`.
+/// Parses `--window X0,Y0,X1,Y1`.
 fn window(text: &str) -> Result<Rect, String> {
     let numbers: Option<Vec<u32>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
     match numbers.as_deref() {
@@ -235,7 +236,7 @@ fn window(text: &str) -> Result<Rect, String> {
     }
 }
 
-/// `--memory SIZE`: bytes, or a number with a unit.
+/// Parses `--memory SIZE`: bytes, or a number with a unit.
 pub(super) fn size(text: &str) -> Result<u64, String> {
     let split = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
     let (number, unit) = text.split_at(split);
@@ -252,7 +253,7 @@ pub(super) fn size(text: &str) -> Result<u64, String> {
     }
 }
 
-/// `--checkpoint SECONDS`.
+/// Parses `--checkpoint SECONDS`.
 fn interval(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(seconds) if (0.0..=1e6).contains(&seconds) => Ok(seconds),
@@ -260,7 +261,7 @@ fn interval(text: &str) -> Result<f64, String> {
     }
 }
 
-/// What a raster is, in a line.
+/// One line about a raster: its size, type, format and coordinate system.
 pub fn source_line(dem: &Dem, info: &SourceInfo) -> String {
     let crs = &info.geo.crs;
     let place = match (crs.epsg, crs.name.is_empty(), info.geo.transform) {
@@ -274,10 +275,11 @@ pub fn source_line(dem: &Dem, info: &SourceInfo) -> String {
     wrapped(&format!("{}: {width} x {height} {kind}, {place}; {}", dem.name(), info.description), 2)
 }
 
-/// Says what was made.
+/// Prints the report of a build as text.
 pub fn print(report: &Report, output: &Path, out: &mut dyn Write) -> std::io::Result<()> {
     let header = &report.header;
-    // A sparse raster is as large as its tiles.
+    // Bits per sample count the samples of the tiles: a sparse raster has far fewer than width x
+    // height.
     let leaves = report.statistics.levels.last().map_or(0, |level| level.tiles) as f64;
     let side = f64::from(header.tile());
     let samples = (f64::from(header.width) * f64::from(header.height)).min(leaves * side * side);
@@ -319,7 +321,7 @@ fn percent(share: f64) -> String {
     format!("{} %", short(100.0 * share))
 }
 
-/// The same for machines.
+/// The report of a build as JSON.
 pub fn json(report: &Report, output: &Path) -> serde_json::Value {
     let head = json!({ "file": json::path(output), "status": "built", "bytes": report.file.file_bytes });
     let rest = json!({

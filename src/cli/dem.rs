@@ -1,4 +1,4 @@
-//! Which rasters, and how they become one: the arguments that `build` and `verify` share.
+//! Arguments that `build` and `verify` share: the rasters, and how they are read and joined.
 
 use std::path::{Path, PathBuf};
 
@@ -9,23 +9,23 @@ use relevo::source::cropped::Bbox;
 use relevo::source::warp::{Resampling, Warp};
 use relevo::source::{self, OpenOptions, Overlap, Source, unit};
 
-/// The rasters.
+/// The rasters to read.
 #[derive(clap::Args, Clone)]
 pub struct Dem {
-    /// The DEM, or several that become one: TIFF, .vrt and .hgt files (also gzipped) on one grid,
-    /// in any order (any rasters of GDAL's if built with --features gdal); @LIST names files, one a
-    /// line, @- reads such a list
+    /// The DEM, or several on one grid to be joined, in any order: TIFF, .vrt or .hgt, also gzipped
+    /// (with GDAL built in, any raster that it reads); @LIST names a file with one DEM a line, @-
+    /// reads such a list from standard input
     #[arg(value_name = "DEM", required = true)]
     pub dems: Vec<PathBuf>,
 }
 
 impl Dem {
-    /// The first, which names the others.
+    /// The first raster, after which the output is named.
     pub fn first(&self) -> &Path {
         self.dems.first().map_or(Path::new(""), PathBuf::as_path)
     }
 
-    /// One of them by name, of many the first and how many more.
+    /// The name of the first raster, and the number of the others.
     pub fn name(&self) -> String {
         match self.dems.len() {
             0 | 1 => shown(self.first()),
@@ -34,51 +34,51 @@ impl Dem {
     }
 }
 
-/// How they are read.
+/// Options for reading the rasters.
 #[derive(clap::Args, Clone, Default)]
 #[command(next_help_heading = "Reading the DEM")]
 pub struct SourceArgs {
-    /// Value that means void, instead of what the files say
+    /// Treat this value as void, in place of the nodata value of the file
     #[arg(long, value_name = "V", allow_hyphen_values = true)]
     pub nodata: Option<f64>,
-    /// The band that has the heights, from 1 [default: the first]
+    /// Read the heights from this band, counted from 1 [default: 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub band: Option<u32>,
-    /// Which sample counts where files overlap; a void never hides a valid one (within a .vrt it is
-    /// the last)
+    /// Choose the sample where files overlap; a void never hides a valid sample (within a .vrt the
+    /// last file counts)
     #[arg(long, value_name = "first|last|min|max|mean", default_value = "last", value_parser = overlap, hide_possible_values = true)]
     pub overlap: Overlap,
-    /// Vertical unit of the samples, instead of what the files say: m, ft, us-ft, another name of
-    /// GDAL's, or its metres
+    /// Take heights in this vertical unit, in place of that of the file: m, ft, us-ft, another unit
+    /// that GDAL names, or its length in metres
     #[arg(long, value_name = "m|ft|us-ft|METRES", value_parser = vertical_unit)]
     pub vertical_unit: Option<(f64, String)>,
-    /// The samples are depths, positive down: heights are their negatives
+    /// Take samples as depths, positive down: heights are their negatives
     #[arg(long)]
     pub depth: bool,
-    /// Warp to this coordinate system through GDAL [default with the next two: that of the first
-    /// file]
+    /// Warp to this coordinate system, by GDAL [default with --resolution or --resampling: that of
+    /// the first file]
     #[arg(long, value_name = "EPSG:N|WKT")]
     pub crs: Option<String>,
-    /// Warp to this distance of samples, in units of the coordinate system [default with --crs: as
-    /// gdalwarp chooses]
+    /// Warp to this sample spacing, in units of the coordinate system [default with --crs or
+    /// --resampling: what gdalwarp chooses]
     #[arg(long, value_name = "X[,Y]", value_parser = resolution)]
     pub resolution: Option<(f64, f64)>,
-    /// How warping makes a sample of those around it: near, bilinear, cubic, cubicspline, lanczos
-    /// or average [default: bilinear]
+    /// Resample by this method when warping: near, bilinear, cubic, cubicspline, lanczos or average
+    /// [default: bilinear]
     #[arg(long, value_name = "METHOD", value_parser = resampling)]
     pub resampling: Option<Resampling>,
-    /// The part of the DEM that this box touches, in coordinates of the DEM; over the antimeridian
-    /// W is above E
+    /// Read only the part that this box touches, in coordinates of the DEM; a box across the
+    /// antimeridian has W above E
     #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true, value_parser = bounds)]
     pub bbox: Option<[f64; 4]>,
-    /// The coordinates of --bbox, such as EPSG:4326 for longitude and latitude [default: those of
-    /// the DEM]
+    /// Give --bbox in this coordinate system, such as EPSG:4326 for longitude and latitude
+    /// [default: that of the DEM]
     #[arg(long, value_name = "EPSG:N|WKT", requires = "bbox")]
     pub bbox_crs: Option<String>,
 }
 
 impl SourceArgs {
-    /// As the library takes them.
+    /// The options of the library for opening the rasters.
     pub fn options(&self) -> OpenOptions {
         let warped = self.crs.is_some() || self.resolution.is_some() || self.resampling.is_some();
         OpenOptions {
@@ -96,13 +96,13 @@ impl SourceArgs {
         }
     }
 
-    /// Opens the rasters as one.
+    /// Opens the rasters as one source.
     pub fn open(&self, dems: &[PathBuf]) -> Result<Box<dyn Source>, Error> {
         source::open_all(dems, &self.options(), &Limits::default())
     }
 }
 
-/// `--bbox W,S,E,N`.
+/// Parses `--bbox W,S,E,N`.
 pub(super) fn bounds(text: &str) -> Result<[f64; 4], String> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
     match numbers.as_deref() {

@@ -1,9 +1,9 @@
-//! `relevo build --each`: every input to a file of its own, on all cores; what fails is told and
-//! passed over.
+//! `relevo build --each`: builds one file from every input, on all cores; an input that fails is
+//! reported, and the others go on.
 //!
-//! Small inputs are built side by side, each on one thread, the largest first; an input that would
-//! leave the others waiting is built on all threads, before them. A record beside the outputs says
-//! what was made of what, for `--resume`.
+//! Small inputs are built at the same time, one thread each, the largest first. An input so large
+//! that the others would finish long before it is built first, on all threads. A record beside the
+//! outputs says which input and options each was made from, for `--resume`.
 
 use std::fs;
 use std::io::{self, Write};
@@ -25,7 +25,7 @@ use crate::cli::build::{self, failure};
 use crate::cli::dem::SourceArgs;
 use crate::cli::progress::{Show, UntilStopped};
 use crate::cli::table::{Table, bytes, count, seconds};
-use crate::cli::warnings::{self, told};
+use crate::cli::warnings::{self, with_options};
 use crate::cli::{Outcome, inputs, json, shown, stopped, voice};
 
 mod names;
@@ -33,34 +33,34 @@ mod record;
 
 use record::Record;
 
-/// One input and its file.
+/// An input and the file to make from it.
 struct Job {
     input: PathBuf,
     output: PathBuf,
-    /// Bytes of the input: how long it takes, about.
+    /// Bytes of the input, a measure of the time it takes.
     weight: u64,
 }
 
-/// What became of an input.
-enum Fate {
+/// The result of a job.
+enum JobResult {
     Built(Box<Report>),
-    /// Made before, from the same input with the same options.
+    /// The file was made before, from the same input with the same options.
     Unchanged,
     Failed(String),
-    /// The batch was stopped before its turn.
+    /// The batch was stopped before the job began.
     NotBegun,
 }
 
-/// What all jobs share.
+/// What all jobs of a batch share.
 struct Batch<'a> {
     options: &'a BuildOptions,
     reading: &'a SourceArgs,
     verify: bool,
-    /// `options` and `reading` as text, for the record.
-    recipe: String,
+    /// `options` and `reading` as text, to compare with the record.
+    options_text: String,
     record: Record,
     show: &'a Show,
-    /// Weight that is done, by job.
+    /// Weight done so far, for each job.
     done: Vec<AtomicU64>,
     finished: AtomicUsize,
     total: u64,
@@ -77,7 +77,7 @@ pub fn run(
     let start = Instant::now();
     let inputs = inputs::of_folders(inputs)?;
     let mut jobs = jobs(&inputs, &Inputs::new(&build::named_inputs(args, &inputs)), folder)?;
-    // The largest first, so that no long one is left for the end.
+    // The largest first, so that no long job is left for the end.
     jobs.sort_by(|a, b| b.weight.cmp(&a.weight).then_with(|| a.input.cmp(&b.input)));
     fs::create_dir_all(folder).map_err(|source| Error::io(folder, "make the folder", source))?;
     let show = Show::new(args.progress);
@@ -85,26 +85,26 @@ pub fn run(
         options,
         reading: &args.source,
         verify: args.verify,
-        recipe: recipe(options, &args.source)?,
+        options_text: options_text(options, &args.source)?,
         record: Record::open(folder)?,
         show: &show,
         done: jobs.iter().map(|_| AtomicU64::new(0)).collect(),
         finished: AtomicUsize::new(0),
         total: jobs.iter().map(|job| job.weight).sum(),
     };
-    let fates = batch.run(&jobs);
+    let results = batch.run(&jobs);
     show.finish();
     let seconds = start.elapsed().as_secs_f64();
     if args.json {
-        print_json(&jobs, &fates, seconds, out)?;
+        print_json(&jobs, &results, seconds, out)?;
     } else if !voice::quiet() {
-        print(&jobs, &fates, seconds, out)?;
+        print(&jobs, &results, seconds, out)?;
     }
-    let good = fates.iter().all(|fate| matches!(fate, Fate::Built(_) | Fate::Unchanged));
+    let good = results.iter().all(|result| matches!(result, JobResult::Built(_) | JobResult::Unchanged));
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(2) })
 }
 
-/// The jobs; none may write over what is read.
+/// The jobs of a batch; fails if an output is also an input.
 fn jobs(inputs: &[PathBuf], read: &Inputs, folder: &Path) -> Result<Vec<Job>, Error> {
     let outputs = names::outputs(inputs, folder)?;
     let job = |(input, output): (&PathBuf, PathBuf)| {
@@ -115,23 +115,22 @@ fn jobs(inputs: &[PathBuf], read: &Inputs, folder: &Path) -> Result<Vec<Job>, Er
     inputs.iter().zip(outputs).map(job).collect()
 }
 
-/// All that decides what is made of an input.
-fn recipe(options: &BuildOptions, reading: &SourceArgs) -> Result<String, Error> {
+/// All options that change the output, as text.
+fn options_text(options: &BuildOptions, reading: &SourceArgs) -> Result<String, Error> {
     let options = serde_json::to_string(options)
         .map_err(|error| Error::usage(format!("the options cannot be recorded: {error}")))?;
     Ok(format!("relevo {} {options} {:?}", env!("CARGO_PKG_VERSION"), reading.options()))
 }
 
 impl Batch<'_> {
-    /// Does all jobs, which stand by falling weight.
-    fn run(&self, jobs: &[Job]) -> Vec<Fate> {
+    /// Does all jobs, which are sorted by falling weight.
+    fn run(&self, jobs: &[Job]) -> Vec<JobResult> {
         let threads = pipeline::workers(self.options.jobs);
-        // On one thread, a job that is more than its share would still run when all others are
-        // done.
+        // On one thread, a job above this share would still run after all others are done.
         let share = self.total / (2 * threads as u64) + 1;
         let alone = jobs.partition_point(|job| job.weight > share);
-        let fates: Vec<Mutex<Fate>> = jobs.iter().map(|_| Mutex::new(Fate::NotBegun)).collect();
-        let keep = |i: usize, fate| *fates[i].lock().unwrap_or_else(PoisonError::into_inner) = fate;
+        let results: Vec<Mutex<JobResult>> = jobs.iter().map(|_| Mutex::new(JobResult::NotBegun)).collect();
+        let keep = |i: usize, result| *results[i].lock().unwrap_or_else(PoisonError::into_inner) = result;
         for (i, job) in jobs[..alone].iter().enumerate() {
             keep(i, self.job(i, job, threads, self.options.memory));
         }
@@ -149,24 +148,27 @@ impl Batch<'_> {
                 });
             }
         });
-        fates.into_iter().map(|fate| fate.into_inner().unwrap_or_else(PoisonError::into_inner)).collect()
+        results
+            .into_iter()
+            .map(|result| result.into_inner().unwrap_or_else(PoisonError::into_inner))
+            .collect()
     }
 
-    fn job(&self, index: usize, job: &Job, threads: usize, memory: Option<u64>) -> Fate {
+    fn job(&self, index: usize, job: &Job, threads: usize, memory: Option<u64>) -> JobResult {
         if stopped() {
-            return Fate::NotBegun;
+            return JobResult::NotBegun;
         }
         let options = BuildOptions { jobs: Some(threads), memory, ..self.options.clone() };
-        let fate = self.make(index, job, &options).unwrap_or_else(|message| self.failed(job, message));
+        let result = self.make(index, job, &options).unwrap_or_else(|message| self.failed(job, message));
         self.done[index].store(job.weight, Ordering::Relaxed);
         let finished = self.finished.fetch_add(1, Ordering::Relaxed) + 1;
         self.show.note(&format!("{finished} of {} files", self.done.len()));
-        self.tell();
-        fate
+        self.show_progress();
+        result
     }
 
-    /// Tells of a failure, here and in the record.
-    fn failed(&self, job: &Job, message: String) -> Fate {
+    /// Prints a failure and adds it to the record.
+    fn failed(&self, job: &Job, message: String) -> JobResult {
         // Most messages begin with the name of the file.
         let name = shown(&job.input);
         let message = if message.contains(&name) { message } else { format!("{name}: {message}") };
@@ -176,29 +178,30 @@ impl Batch<'_> {
                 voice::warning(&error.to_string());
             }
         });
-        Fate::Failed(message)
+        JobResult::Failed(message)
     }
 
-    fn make(&self, index: usize, job: &Job, options: &BuildOptions) -> Result<Fate, String> {
+    fn make(&self, index: usize, job: &Job, options: &BuildOptions) -> Result<JobResult, String> {
         let input = std::slice::from_ref(&job.input);
         let named = |error: Error| failure(error, &job.input, &job.output).message();
         let source = self.reading.open(input).map_err(named)?;
         let fingerprint = source.fingerprint().map_err(named)?;
-        let warnings = told(&source.info().warnings);
-        if options.resume && self.record.has(&job.output, &fingerprint, &self.recipe) {
-            return Ok(Fate::Unchanged);
+        let warnings = with_options(&source.info().warnings);
+        if options.resume && self.record.has(&job.output, &fingerprint, &self.options_text) {
+            return Ok(JobResult::Unchanged);
         }
         self.warn(&warnings);
         warnings::refuse(&warnings, options.strict)
             .map_err(|error| format!("{}: {error}", job.input.display()))?;
-        // What a resumed batch finds there is of another input, or was made with other options.
+        // With `resume`, a file that is there but not in the record is from another input or other
+        // options.
         let force = options.force || (options.resume && job.output.exists());
         let options = BuildOptions { force, ..options.clone() };
-        let share = Share { batch: self, index, weight: job.weight };
+        let share = JobProgress { batch: self, index, weight: job.weight };
         let report = Build::new(&*source).options(options).progress(&share).run(&job.output);
         let mut report = report.map_err(named)?;
-        self.warn(&told(&report.warnings[source.info().warnings.len()..]));
-        report.warnings = told(&report.warnings);
+        self.warn(&with_options(&report.warnings[source.info().warnings.len()..]));
+        report.warnings = with_options(&report.warnings);
         if self.verify {
             let checked = Reader::open(&job.output)
                 .and_then(|reader| verify(&reader, Some(&*source), &VerifyOptions::default(), &UntilStopped));
@@ -207,30 +210,30 @@ impl Batch<'_> {
                 return Err(format!("{}: {problems} problems found by the check", shown(&job.output)));
             }
         }
-        self.record.add(&job.output, fingerprint, &self.recipe, &report.warnings).map_err(named)?;
-        Ok(Fate::Built(Box::new(report)))
+        self.record.add(&job.output, fingerprint, &self.options_text, &report.warnings).map_err(named)?;
+        Ok(JobResult::Built(Box::new(report)))
     }
 
     fn warn(&self, warnings: &[String]) {
-        self.show.aside(|| warnings::say(warnings));
+        self.show.aside(|| warnings::print_warnings(warnings));
     }
 
-    fn tell(&self) {
+    fn show_progress(&self) {
         let done = self.done.iter().map(|done| done.load(Ordering::Relaxed)).sum();
         self.show.report(Stage::Build, done, self.total);
     }
 }
 
-/// Tells how far one job is, as its share of the batch.
-struct Share<'a> {
+/// The progress of one job, weighted by its share of the batch.
+struct JobProgress<'a> {
     batch: &'a Batch<'a>,
     index: usize,
     weight: u64,
 }
 
-impl Progress for Share<'_> {
+impl Progress for JobProgress<'_> {
     fn report(&self, stage: Stage, done: u64, total: u64) {
-        // Putting the file together takes about a tenth of the time.
+        // Assembling the file takes about a tenth of the time.
         let (from, to) = match stage {
             Stage::Scan => (0.0, 0.0),
             Stage::Build => (0.0, 0.9),
@@ -238,7 +241,7 @@ impl Progress for Share<'_> {
         };
         let share = from + (to - from) * done as f64 / total.max(1) as f64;
         self.batch.done[self.index].store((share * self.weight as f64) as u64, Ordering::Relaxed);
-        self.batch.tell();
+        self.batch.show_progress();
     }
 
     fn is_cancelled(&self) -> bool {
@@ -246,13 +249,13 @@ impl Progress for Share<'_> {
     }
 }
 
-fn print(jobs: &[Job], fates: &[Fate], time: f64, out: &mut dyn Write) -> io::Result<()> {
+fn print(jobs: &[Job], results: &[JobResult], time: f64, out: &mut dyn Write) -> io::Result<()> {
     let mut table = Table::new(&["input", "samples", "tiles", "size", "time", "outcome"]).words(0);
     let mut counts = [0; 4];
-    for (job, fate) in jobs.iter().zip(fates) {
+    for (job, result) in jobs.iter().zip(results) {
         let name = shown(&job.input);
-        let (index, cells) = match fate {
-            Fate::Built(report) => {
+        let (index, cells) = match result {
+            JobResult::Built(report) => {
                 let header = &report.header;
                 let rate = u64::from(header.width) * u64::from(header.height);
                 (
@@ -266,9 +269,9 @@ fn print(jobs: &[Job], fates: &[Fate], time: f64, out: &mut dyn Write) -> io::Re
                     ],
                 )
             }
-            Fate::Unchanged => (1, ["", "", "", "", "unchanged"].map(str::to_owned)),
-            Fate::Failed(_) => (2, ["", "", "", "", "failed"].map(str::to_owned)),
-            Fate::NotBegun => (3, ["", "", "", "", "not begun"].map(str::to_owned)),
+            JobResult::Unchanged => (1, ["", "", "", "", "unchanged"].map(str::to_owned)),
+            JobResult::Failed(_) => (2, ["", "", "", "", "failed"].map(str::to_owned)),
+            JobResult::NotBegun => (3, ["", "", "", "", "not begun"].map(str::to_owned)),
         };
         counts[index] += 1;
         table.row(std::iter::once(name).chain(cells).collect());
@@ -282,19 +285,19 @@ fn print(jobs: &[Job], fates: &[Fate], time: f64, out: &mut dyn Write) -> io::Re
     Ok(())
 }
 
-fn print_json(jobs: &[Job], fates: &[Fate], seconds: f64, out: &mut dyn Write) -> io::Result<()> {
-    let of_job = |(job, fate): (&Job, &Fate)| {
+fn print_json(jobs: &[Job], results: &[JobResult], seconds: f64, out: &mut dyn Write) -> io::Result<()> {
+    let of_job = |(job, result): (&Job, &JobResult)| {
         let head = json!({ "sources": [json::path(&job.input)] });
-        let rest = match fate {
-            Fate::Built(report) => build::json(report, &job.output),
-            Fate::Unchanged => json!({ "file": json::path(&job.output), "status": "unchanged" }),
-            Fate::Failed(error) => {
+        let rest = match result {
+            JobResult::Built(report) => build::json(report, &job.output),
+            JobResult::Unchanged => json!({ "file": json::path(&job.output), "status": "unchanged" }),
+            JobResult::Failed(error) => {
                 json!({ "file": json::path(&job.output), "status": "failed", "error": error })
             }
-            Fate::NotBegun => json!({ "file": json::path(&job.output), "status": "not begun" }),
+            JobResult::NotBegun => json!({ "file": json::path(&job.output), "status": "not begun" }),
         };
         json::joined([head, rest])
     };
-    let files: Vec<_> = jobs.iter().zip(fates).map(of_job).collect();
+    let files: Vec<_> = jobs.iter().zip(results).map(of_job).collect();
     json::print(&json::object("build --each", json!({ "files": files, "seconds": seconds })), out)
 }

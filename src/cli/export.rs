@@ -1,5 +1,5 @@
-//! `relevo export`: a level or a tile back to GeoTIFF or as a picture, of the heights or of the
-//! imagery.
+//! `relevo export`: writes a level or a tile, of the heights or of the imagery, as a GeoTIFF or a
+//! PNG.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -17,50 +17,50 @@ use crate::cli::dem::bounds;
 use crate::cli::table::wrapped;
 use crate::cli::{Failure, Outcome, shown};
 
-/// A level or a tile back to GeoTIFF or as a picture, of the heights or of the imagery
+/// Write a level or a tile, of the heights or of the imagery, as a GeoTIFF or a PNG
 #[derive(clap::Args)]
 pub struct Args {
     /// The .rlv file
     #[arg(value_name = "FILE.rlv")]
     file: PathBuf,
-    /// What to write: a GeoTIFF (.tif) with the samples or the texels, or a picture (.png): a
-    /// shaded relief of a level, 16-bit greys of a tile of heights (0 is void; the last line says
-    /// what the others are), or texels
+    /// Write this file: a GeoTIFF (.tif) of samples or texels, or a PNG (.png) of texels, of a
+    /// level's shaded relief, or of a tile's heights in 16-bit greys (0 is void; the printed line
+    /// says what the others mean)
     #[arg(short, long, value_name = "OUT.tif|OUT.png")]
     output: PathBuf,
-    /// Of the imagery, not of the heights
+    /// Export the imagery, not the heights
     #[arg(long)]
     imagery: bool,
-    /// The level: 0 is the root [default: the finest]
+    /// Export this level; 0 is the root [default: the finest]
     #[arg(short, long, value_name = "N", conflicts_with = "tile")]
     level: Option<u8>,
-    /// One tile: level, column and row
+    /// Export one tile: level, column and row
     #[arg(short, long, value_name = "L/X/Y", value_parser = tile)]
     tile: Option<TileId>,
-    /// The part that this box touches, in coordinates of the file; over the antimeridian W is above
-    /// E
+    /// Export only the part that this box touches, in coordinates of the file; a box across the
+    /// antimeridian has W above E
     #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true, value_parser = bounds, conflicts_with = "tile")]
     bbox: Option<[f64; 4]>,
-    /// The coordinates of --bbox, such as EPSG:4326 for longitude and latitude [default: those of
-    /// the file]
+    /// Give --bbox in this coordinate system, such as EPSG:4326 for longitude and latitude
+    /// [default: that of the file]
     #[arg(long, value_name = "EPSG:N|WKT", requires = "bbox")]
     bbox_crs: Option<String>,
-    /// Compression of the GeoTIFF
+    /// Compress the GeoTIFF by this method
     #[arg(long, default_value = "deflate", value_parser = ["none", "deflate", "zstd"])]
     compress: String,
-    /// Shaded relief: light alone, as gdaldem has it, instead of tinted
+    /// Draw the relief in grey, as gdaldem hillshade does, without a tint
     #[arg(long)]
     grey: bool,
-    /// Keep within this much memory (256MiB, 2GiB), with fewer rows or blocks at a time; slower
-    /// then. Refuse before the work if it takes more
+    /// Use at most this much memory, such as 256MiB or 2GiB; slower with fewer rows or blocks at a
+    /// time, and refused at the start if it is not enough
     #[arg(long, value_name = "SIZE", value_parser = size)]
     memory: Option<u64>,
-    /// Replace the output if it is there
+    /// Replace the output if it exists
     #[arg(long, short)]
     force: bool,
 }
 
-/// `--tile L/X/Y`.
+/// Parses `--tile L/X/Y`.
 fn tile(text: &str) -> Result<TileId, String> {
     let numbers: Option<Vec<u32>> = text.split('/').map(|word| word.trim().parse().ok()).collect();
     match numbers.as_deref() {
@@ -69,7 +69,7 @@ fn tile(text: &str) -> Result<TileId, String> {
     }
 }
 
-/// Writes it; on stdout stands at most what the greys of a tile of heights mean.
+/// Exports, and prints the meaning of the greys for a PNG of a tile of heights.
 pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let reader = Reader::open_with(&args.file, ReaderOptions::within(args.memory))?;
     let finest = match reader.imagery() {
@@ -114,7 +114,7 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Writes a picture.
+/// Writes a PNG.
 fn picture(
     reader: &Reader,
     args: &Args,

@@ -1,6 +1,6 @@
-//! Numbers as people read them.
+//! Numbers formatted for people.
 
-/// `4.2 MB`; powers of 1000, as disks and GDAL users count.
+/// A byte count such as `4.2 MB`, in powers of 1000 as disks and GDAL users count.
 pub fn bytes(count: u64) -> String {
     let mut value = count as f64;
     for unit in ["B", "kB", "MB", "GB"] {
@@ -12,7 +12,7 @@ pub fn bytes(count: u64) -> String {
     format!("{} TB", short(value))
 }
 
-/// Three significant digits, without an exponent where it reads well.
+/// A number to three significant digits, with an exponent only if it is very large or small.
 pub fn short(value: f64) -> String {
     let magnitude = value.abs();
     if value == 0.0 {
@@ -32,7 +32,7 @@ pub fn short(value: f64) -> String {
     }
 }
 
-/// A height as it is read off a map: whole, or to the centimetre.
+/// A height to the centimetre, without trailing zeros.
 pub fn metres(value: f64) -> String {
     if value.abs() >= 1e7 || !value.is_finite() {
         return short(value);
@@ -42,7 +42,7 @@ pub fn metres(value: f64) -> String {
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }
 
-/// `1 234 567`.
+/// A count with its digits in groups of three: `1 234 567`.
 pub fn grouped(count: u64) -> String {
     let digits = count.to_string();
     let mut out = String::new();
@@ -55,7 +55,7 @@ pub fn grouped(count: u64) -> String {
     out
 }
 
-/// A count for a cell of a table, nine columns at most: `9 999 999`, then `12.3 M`, `1.23 G`.
+/// A count for a table cell, at most nine columns wide: `9 999 999`, then `12.3 M`, `1.23 G`.
 pub fn count(count: u64) -> String {
     if count < 10_000_000 {
         return grouped(count);
@@ -70,7 +70,7 @@ pub fn count(count: u64) -> String {
     format!("{} T", short(value))
 }
 
-/// `12.3 s`, `4 min 05 s`, `2 h 10 min`.
+/// A duration such as `12.3 s`, `4 min 05 s`, `2 h 10 min`.
 pub fn seconds(value: f64) -> String {
     let whole = value.round() as u64;
     if value < 0.0005 {
@@ -84,7 +84,7 @@ pub fn seconds(value: f64) -> String {
     }
 }
 
-/// `1 tile`, `17 tiles`.
+/// A count with its noun: `1 tile`, `17 tiles`.
 pub fn plural(count: u64, one: &str, many: &str) -> String {
     format!("{} {}", grouped(count), if count == 1 { one } else { many })
 }

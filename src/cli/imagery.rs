@@ -1,4 +1,4 @@
-//! Pictures over the heights: the arguments that `build` and `add` share.
+//! Arguments that `build` and `add` share: pictures to lay over the heights.
 
 use std::path::PathBuf;
 
@@ -8,42 +8,42 @@ use relevo::imagery::Resolution;
 use relevo::limits::Limits;
 use relevo::source::picture::{self, Picture, PictureOptions, Stretch};
 
-use crate::cli::warnings::{refuse, say, told};
+use crate::cli::warnings::{print_warnings, refuse, with_options};
 
-/// Pictures, how they are read and how their tiles are stored.
+/// The pictures, and how they are read and stored.
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Imagery")]
 pub struct Imagery {
-    /// Pictures to lay over the heights, of which the last lies on top: TIFF, PNG, JPEG and WebP
-    /// files (any rasters of GDAL's if built with --features gdal)
+    /// Lay these pictures over the heights, the last on top: TIFF, PNG, JPEG or WebP (with GDAL
+    /// built in, any raster that it reads)
     #[arg(long = "imagery", id = "imagery", value_name = "FILE", num_args = 1..)]
     pub files: Vec<PathBuf>,
-    /// Texels along the side of an imagery tile: a multiple of 4, 64 to 4096
+    /// Make imagery tiles with this many texels along a side: a multiple of 4, 64 to 4096
     #[arg(long = "imagery-tile", id = "imagery-tile", value_name = "N", default_value_t = 512)]
     pub tile: u32,
-    /// Bands that become grey, or red, green and blue, and one more for alpha, counted from 1
+    /// Take these bands, counted from 1, as grey, or as red, green and blue; one more is alpha
     /// [default: as the file says]
     #[arg(long = "imagery-bands", id = "imagery-bands", value_name = "R,G,B[,A]", value_delimiter = ',')]
     pub bands: Option<Vec<u32>>,
-    /// How samples become 8 bits: none, minmax, percent:LOW,HIGH or range:MIN,MAX [default:
-    /// percent:2,98 for samples wider than 8 bits]
+    /// Turn samples into 8 bits by this rule: none, minmax, percent:LOW,HIGH or range:MIN,MAX
+    /// [default: percent:2,98 for samples wider than 8 bits]
     #[arg(long = "imagery-stretch", id = "imagery-stretch", value_name = "RULE", value_parser = stretch)]
     pub stretch: Option<Stretch>,
-    /// Level of a picture: the one with texels nearest to its pixels in size, or the next finer or
-    /// coarser one
+    /// Store a picture at the level whose texels are closest to its pixels in size, or at the next
+    /// finer or coarser one
     #[arg(long = "imagery-resolution", id = "imagery-resolution", value_name = "closest|finer|coarser", default_value = "closest", value_parser = resolution)]
     pub resolution: Resolution,
-    /// How imagery tiles are stored
+    /// Store imagery tiles in this codec
     #[arg(long = "imagery-codec", id = "imagery-codec", value_name = "CODEC", default_value = "jpeg", value_parser = ["jpeg", "webp", "png", "bc7", "bc1"])]
     pub codec: String,
-    /// Quality of a lossy codec, 1 to 100
+    /// Set the quality of a lossy codec, 1 to 100
     #[arg(long = "imagery-quality", id = "imagery-quality", value_name = "Q", default_value_t = 85, value_parser = clap::value_parser!(u8).range(1..=100))]
     pub quality: u8,
 }
 
 impl Imagery {
-    /// Opens the pictures, which become one mosaic in the coordinate system of the heights, within
-    /// so many bytes of memory; says what is to be warned of, and fails of it if `is_strict`.
+    /// Opens the pictures as one mosaic in the coordinate system of the heights, within `memory`
+    /// bytes. Prints their warnings, and fails if there are any and `is_strict` is set.
     pub fn open(
         &self,
         crs: &Crs,
@@ -55,8 +55,8 @@ impl Imagery {
         limits.opening_bytes = memory.unwrap_or(u64::MAX);
         let pictures = picture::open_all(&self.files, &options, crs, &limits)?;
         let warnings: Vec<String> =
-            pictures.iter().flat_map(|picture| told(&picture.info().warnings)).collect();
-        say(&warnings);
+            pictures.iter().flat_map(|picture| with_options(&picture.info().warnings)).collect();
+        print_warnings(&warnings);
         refuse(&warnings, is_strict)?;
         Ok(pictures)
     }

@@ -1,4 +1,4 @@
-//! `relevo info`: what a file is, from its first 64 KiB.
+//! `relevo info`: prints what a file is, from its first 64 KiB.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -16,16 +16,16 @@ use crate::cli::add::rule;
 use crate::cli::table::{Table, bytes, count, fact, grouped, metres, plural, short, wrapped};
 use crate::cli::{Outcome, json, origins, place, shown, voice};
 
-/// Sources that are named, unless all are wanted.
+/// Most sources listed without `--verbose`.
 const SOURCES: usize = 12;
 
-/// What a file is: coordinate system, heights, levels, sections, sizes
+/// Print what a file is: coordinate system, heights, levels, sections, sizes
 #[derive(clap::Args)]
 pub struct Args {
     /// The .rlv files
     #[arg(required = true, value_name = "FILE.rlv")]
     files: Vec<PathBuf>,
-    /// As JSON: a list with one object a file
+    /// Print JSON: a list with one object for each file
     #[arg(long)]
     json: bool,
 }
@@ -55,21 +55,21 @@ fn section_name(section: &SectionEntry) -> String {
     if name.starts_with("kind ") { format!("{name} (unknown to this program)") } else { name }
 }
 
-/// The imagery layer for machines.
+/// The imagery layer as JSON.
 fn imagery_facts(reader: &Reader) -> Value {
     let Some(layer) = reader.imagery() else { return Value::Null };
     let imagery = layer.header();
     json::joined([json::imagery(imagery, imagery_bytes(reader)), json!({ "texel": texel(reader, imagery) })])
 }
 
-/// Bytes of the sections of the imagery.
+/// Bytes of all sections of the imagery.
 fn imagery_bytes(reader: &Reader) -> u64 {
     let kinds = [IMAGERY, IMAGERY_PAGES, IMAGERY_TILES];
     reader.sections().iter().filter(|section| kinds.contains(&section.kind)).map(|s| s.length).sum()
 }
 
-/// How many units of the coordinate system a texel of the finest level is wide and high; samples if
-/// there is no coordinate system.
+/// Width and height of a texel of the finest level, in units of the coordinate system, or in
+/// samples if there is none.
 fn texel(reader: &Reader, imagery: &ImageryHeader) -> [f64; 2] {
     let header = reader.header();
     let samples =
@@ -105,8 +105,8 @@ fn print_imagery(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     }
 }
 
-/// Lowest and highest height in metres: of the samples, or, in a file without statistics, bounds of
-/// them.
+/// Lowest and highest height in metres; in a file without statistics, the bounds that the index
+/// gives.
 fn range_m(reader: &Reader) -> Option<(f64, f64)> {
     let leaves = reader.statistics().ok().flatten().and_then(|mut statistics| statistics.levels.pop());
     let counted = leaves.and_then(|level| level.min_m.zip(level.max_m));
@@ -139,7 +139,7 @@ fn facts(reader: &Reader, file: &Path) -> Value {
     json::object("info", json::joined([head, json::lattice(header), rest]))
 }
 
-/// What the heights are measured from, where the file says so.
+/// The vertical datum, if the file names one.
 fn datum(crs: &Crs) -> String {
     let code = crs.vertical_epsg.map(|code| format!("EPSG:{code}"));
     let name = Some(crs.vertical_name.clone()).filter(|name| !name.is_empty());
@@ -163,7 +163,7 @@ fn print(reader: &Reader, file: &Path, out: &mut dyn Write) -> io::Result<()> {
     print_sections(reader, out)
 }
 
-/// Where the raster lies.
+/// Prints where the raster lies.
 fn print_place(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     let (header, metadata) = (reader.header(), reader.metadata());
     let crs = &metadata.crs;
@@ -186,7 +186,7 @@ fn print_place(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     place::lines(reader).iter().try_for_each(|(name, text)| fact(name, text, out))
 }
 
-/// What the samples mean.
+/// Prints type, unit, range and accuracy of the heights.
 fn print_heights(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     let (header, metadata) = (reader.header(), reader.metadata());
     writeln!(out, "\nHeights")?;
@@ -214,7 +214,7 @@ fn print_heights(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     fact("nodata", &nodata, out)
 }
 
-/// What the file was made of.
+/// Prints the files that the container was made from.
 fn print_sources(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     let metadata = reader.metadata();
     writeln!(out, "\nMade of")?;
@@ -235,7 +235,7 @@ fn print_sources(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     Ok(())
 }
 
-/// How it is cut into tiles, and how wrong they are.
+/// Prints the tile sizes, the levels and their errors.
 fn print_tiles(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     let (header, metadata) = (reader.header(), reader.metadata());
     writeln!(out, "\nTiles")?;
@@ -256,7 +256,7 @@ fn print_tiles(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     levels.print(out)
 }
 
-/// The parts of the file; if details are wanted, with their places.
+/// Prints the sections of the file, with their offsets if `--verbose` is set.
 fn print_sections(reader: &Reader, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "\nFile")?;
     if !voice::verbose() {

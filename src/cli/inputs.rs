@@ -1,4 +1,4 @@
-//! Inputs as they stand on the command line: files, and lists of files.
+//! Input files of a command line, also those named in lists and folders.
 
 use std::fs::{self, File};
 use std::io::{self, Read};
@@ -6,23 +6,23 @@ use std::path::{Path, PathBuf};
 
 use relevo::Error;
 
-/// Bytes of a list, at most: a device need not end.
+/// Most bytes of a list, since a device may have no end.
 const LIST_BYTES: u64 = 64 << 20;
 
-/// The list that an input names, if it does.
+/// The path of the list if an input is written `@LIST`.
 fn list_of(input: &Path) -> Option<PathBuf> {
     let name = input.to_string_lossy();
     name.strip_prefix('@').filter(|_| !input.exists()).map(PathBuf::from)
 }
 
-/// The lists among the inputs, which are files that are read too.
+/// The list files among the inputs, which are read as well.
 pub fn lists(inputs: &[PathBuf]) -> Vec<PathBuf> {
     inputs.iter().filter_map(|input| list_of(input)).collect()
 }
 
-/// Replaces every `@list.txt` by the files it names, one a line, and `@-` by those that standard
-/// input names; lines that are empty or begin with `#` are passed over. Names are taken as they
-/// are, relative to the current folder.
+/// Replaces every `@list.txt` by the files that it names, one a line, and `@-` by those that
+/// standard input names. Empty lines and lines that begin with `#` are ignored. Relative names
+/// start from the current folder.
 pub fn expand(inputs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     let mut files = Vec::with_capacity(inputs.len());
     for input in inputs {
@@ -40,13 +40,12 @@ pub fn expand(inputs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     Ok(files)
 }
 
-/// What names of rasters end in; GDAL reads the second row too.
+/// File name extensions of rasters read natively, and of those that GDAL reads.
 const NATIVE: [&str; 4] = ["tif", "tiff", "vrt", "hgt"];
 const OF_GDAL: [&str; 14] =
     ["asc", "bil", "bt", "dem", "dt0", "dt1", "dt2", "flt", "grd", "img", "jp2", "nc", "rst", "ter"];
 
-/// Replaces every folder by the rasters in it, in the order of their names, as far as these tell:
-/// those of folders within it are not looked for.
+/// Replaces every folder by the rasters directly in it, recognised by extension and sorted by name.
 pub fn of_folders(inputs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     let mut files = Vec::with_capacity(inputs.len());
     for input in inputs {
@@ -65,7 +64,7 @@ fn rasters(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut files = Vec::new();
     for entry in fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
-        // As the shell would have it.
+        // As the shell would write it.
         let path = path.strip_prefix(".").map(Path::to_owned).unwrap_or(path);
         let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
         if !hidden && is_raster(&path) && path.is_file() {
@@ -81,13 +80,13 @@ fn rasters(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(files)
 }
 
-/// True if a name says that a file is a raster.
+/// True if the file name is that of a raster.
 fn is_raster(path: &Path) -> bool {
     let ending =
         |path: &Path| path.extension().map(|end| end.to_string_lossy().to_lowercase()).unwrap_or_default();
     let of = |end: &str| NATIVE.contains(&end) || cfg!(feature = "gdal") && OF_GDAL.contains(&end);
     match ending(path).as_str() {
-        // What is packed counts as what it holds.
+        // A gzipped file counts as the file in it.
         "gz" => path
             .file_stem()
             .is_some_and(|stem| ["tif", "tiff", "hgt"].contains(&ending(Path::new(stem)).as_str())),
@@ -112,7 +111,7 @@ fn read(from: impl Read, list: &Path) -> Result<String, Error> {
     String::from_utf8(bytes).map_err(wrong)
 }
 
-/// The names in a list; editors of some systems put a byte order mark before the first.
+/// The names in a list; some editors put a byte order mark before the first.
 fn names(text: &str) -> impl Iterator<Item = &str> {
     let lines = text.strip_prefix('\u{FEFF}').unwrap_or(text).lines().map(str::trim);
     lines.filter(|line| !line.is_empty() && !line.starts_with('#'))

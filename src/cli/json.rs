@@ -1,5 +1,5 @@
-//! What commands say to machines, in one schema: a field has one meaning, type and unit in all of
-//! them (docs/json.md).
+//! JSON output of all commands in one schema: a field has the same meaning, type and unit
+//! everywhere (docs/json.md).
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -13,16 +13,16 @@ use serde_json::{Map, Value, json};
 use crate::cli::named;
 use crate::cli::stats::{bits_per_sample, void_share};
 
-/// Grows when a field of that name means something else; new fields do not count.
+/// Version of the schema: grows when the meaning of a field changes, not when a field is added.
 const SCHEMA: u32 = 1;
 
-/// An object of a command, which begins with the schema's number and the command's name.
+/// The JSON object of a command, which begins with the schema version and the command's name.
 pub fn object(command: &str, fields: Value) -> Value {
     let head = json!({ "schema": SCHEMA, "command": command });
     joined([head, fields])
 }
 
-/// The fields of objects, one after the other.
+/// One object with the fields of several, in order.
 pub fn joined<const N: usize>(objects: [Value; N]) -> Value {
     let mut all = Map::new();
     for object in objects {
@@ -54,7 +54,7 @@ pub fn number(value: f64) -> Value {
     if value.is_finite() { json!(value) } else { json!(value.to_string()) }
 }
 
-/// What the header of a file says of its lattice.
+/// The lattice that a header describes.
 pub fn lattice(header: &Header) -> Value {
     json!({
         "columns": header.width, "rows": header.height, "sample_type": header.source_type.gdal_name(),
@@ -63,7 +63,7 @@ pub fn lattice(header: &Header) -> Value {
     })
 }
 
-/// What an imagery layer is, in so many bytes.
+/// An imagery layer that takes `bytes` in the file.
 pub fn imagery(header: &ImageryHeader, bytes: u64) -> Value {
     json!({
         "codec": header.codec.as_str(), "quality": header.quality, "tile": header.tile, "gutter": header.gutter,
@@ -72,7 +72,7 @@ pub fn imagery(header: &ImageryHeader, bytes: u64) -> Value {
     })
 }
 
-/// A layer that has just been made.
+/// The report of a layer that has just been made.
 pub fn layer(layer: &LayerReport) -> Value {
     let of_level = |(level, (tiles, bytes)): (usize, &(u64, u64))| json!({ "level": level, "tiles": tiles, "bytes": bytes });
     let levels: Vec<Value> = layer.levels.iter().enumerate().map(of_level).collect();
@@ -80,7 +80,7 @@ pub fn layer(layer: &LayerReport) -> Value {
     joined([imagery(&layer.header, layer.bytes), more])
 }
 
-/// The statistics section, each level with its share of voids and its bits a sample.
+/// The statistics section, with the void share and the bits per sample of each level.
 pub fn statistics(statistics: &Statistics) -> Value {
     let mut all = json!(statistics);
     let levels = all["levels"].as_array_mut().map(|levels| levels.iter_mut().zip(&statistics.levels));

@@ -1,4 +1,4 @@
-//! `relevo merge`: finished windows to one file.
+//! `relevo merge`: joins finished windows into one file.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -9,36 +9,37 @@ use serde_json::json;
 
 use crate::cli::build::size;
 use crate::cli::progress::{Mode, Show};
-use crate::cli::warnings::{say, told};
+use crate::cli::warnings::{print_warnings, with_options};
 use crate::cli::{Outcome, build, json, voice};
 
-/// Join windows that `relevo build --window` has made, on one machine or many, into one .rlv file
+/// Join windows made by `relevo build --window`, on one machine or many, into one .rlv file
 #[derive(clap::Args)]
 pub struct Args {
-    /// The pieces, which must cover the raster
+    /// The windows, which together must cover the raster
     #[arg(required = true, value_name = "PIECE")]
     pieces: Vec<PathBuf>,
-    /// The file to make
+    /// Write this file
     #[arg(short, long, value_name = "OUT.rlv")]
     output: PathBuf,
-    /// Threads [default: one for each core]
+    /// Use N threads [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
-    /// Keep within this much memory (256MiB, 2GiB); refuse before the work if it takes more
+    /// Use at most this much memory, such as 256MiB or 2GiB; refused at the start if it is not
+    /// enough
     #[arg(long, value_name = "SIZE", value_parser = size)]
     memory: Option<u64>,
-    /// Replace OUT.rlv if it is there
+    /// Replace OUT.rlv if it exists
     #[arg(long, short)]
     force: bool,
-    /// How to show progress
+    /// Choose how progress is shown
     #[arg(long, value_enum, default_value = "auto")]
     progress: Mode,
-    /// The report as JSON
+    /// Print the report as JSON
     #[arg(long)]
     json: bool,
 }
 
-/// Merges.
+/// Merges the windows and prints the report.
 pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     build::check_name(&args.output)?;
     let show = Show::new(args.progress);
@@ -46,9 +47,10 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let report = pipeline::merge_within(args.memory, &args.pieces, &args.output, jobs, args.force, &show);
     show.finish();
     let mut report = report?;
-    // The windows were built with their warnings told: what is new are those of the values of all.
-    report.warnings = told(&report.warnings);
-    say(&report.warnings);
+    // Warnings of single windows were printed when these were built; only those about the whole
+    // raster are new.
+    report.warnings = with_options(&report.warnings);
+    print_warnings(&report.warnings);
     if args.json {
         let pieces = json!({ "pieces": json::paths(&args.pieces) });
         json::print(&json::object("merge", json::joined([pieces, build::json(&report, &args.output)])), out)?;

@@ -1,8 +1,8 @@
-//! The command line: one file a subcommand, each with `Args` and `run`. Data on stdout, talk on
-//! stderr.
+//! The command line: one file for each subcommand, with `Args` and `run`. Data goes to stdout,
+//! messages to stderr.
 //!
-//! Exit codes: 0 done, 1 the check found a problem, 2 could not do it; a reader that closes the
-//! pipe is no error.
+//! Exit codes: 0 done, 1 the check found a problem, 2 could not do it. A closed pipe on stdout is
+//! not an error.
 
 mod add;
 mod build;
@@ -58,40 +58,40 @@ First steps:
 relevo COMMAND --help says what a command can do.
 Exit codes: 0 done, 1 the check found a problem, 2 could not do it.";
 
-/// Columns of help on a wide terminal.
+/// Widest column of help text on a wide terminal.
 const WIDEST_HELP: usize = 110;
 
 #[derive(Subcommand)]
 enum Command {
     /// Make a .rlv file from a DEM
     Build(Box<build::Args>),
-    /// Join pieces made by `build --window` into one file
+    /// Join windows made by `relevo build --window` into one file
     Merge(merge::Args),
-    /// Put imagery into a file, or other imagery in its place
+    /// Put imagery into a .rlv file, in place of any that it has
     Add(add::Args),
-    /// What a file is: coordinate system, levels, sections, sizes
+    /// Print what a file is: coordinate system, heights, levels, sections, sizes
     Info(info::Args),
-    /// How wrong a file is, by level and tessellation step
+    /// Print the errors of a file by level and tessellation step
     Stats(stats::Args),
-    /// Check a file: checksums, structure, invariants; against its source; every error by brute
-    /// force
+    /// Check a file: checksums, structure, invariants; also against its source, and every error by
+    /// brute force
     Verify(verify::Args),
-    /// A level or a tile back to GeoTIFF or as a picture, of the heights or of the imagery
+    /// Write a level or a tile, of the heights or of the imagery, as a GeoTIFF or a PNG
     Export(export::Args),
 }
 
-/// Why a command did not end well.
+/// The reason why a command failed.
 pub enum Failure {
-    /// The library said so.
+    /// An error of the library.
     Relevo(Error),
-    /// So it did, but a build can go on from what is in this folder.
+    /// An error of the library, with the work folder from which a build can be resumed.
     Resumable(Error, PathBuf),
-    /// Standard output did.
+    /// An error in writing to standard output.
     Stdout(io::Error),
 }
 
 impl Failure {
-    /// What to tell the user.
+    /// The message for the user.
     pub fn message(self) -> String {
         match self {
             Self::Relevo(error) => options::named(&error.to_string()),
@@ -116,28 +116,28 @@ impl From<io::Error> for Failure {
     }
 }
 
-/// A path as people see it.
+/// A path as text for people.
 pub fn shown(path: &Path) -> String {
     printable(&path.display().to_string()).into_owned()
 }
 
-/// A path as JSON has it: what is no Unicode of it is lost.
+/// A path as JSON text; characters that are not Unicode are replaced.
 pub fn named(path: &Path) -> String {
     path.to_string_lossy().into_owned()
 }
 
-/// What a subcommand ends in.
+/// The result of a subcommand.
 pub type Outcome = Result<ExitCode, Failure>;
 
-/// Set by Ctrl-C and SIGTERM; long work asks it between pieces.
+/// True after Ctrl-C or SIGTERM; long tasks check it between steps.
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// True once the user asked to stop.
+/// True if the user has asked the program to stop.
 pub fn stopped() -> bool {
     STOP.load(Ordering::Relaxed)
 }
 
-/// Parses, runs, and turns the outcome into an exit code.
+/// Parses the command line, runs the command, and returns its exit code.
 pub fn main() -> ExitCode {
     let width = table::width().min(WIDEST_HELP);
     let command = Cli::command().color(Color::asked().of_clap()).term_width(width);

@@ -1,9 +1,8 @@
-//! The words of the library for what can be asked of it, as options of the command line.
+//! Replaces names of the library's options by those of the command line.
 
 use relevo::source::advice;
 
-/// Advice, and fields of the library's options in backquotes, beside the options that are these
-/// here.
+/// Advice and option fields (in backquotes) of the library, each with its command-line option.
 const NAMES: [(&str, &str); 21] = [
     (advice::NODATA, "give --nodata"),
     (advice::BAND, "choose another by --band N"),
@@ -28,7 +27,7 @@ const NAMES: [(&str, &str); 21] = [
     ("`window`", "--window"),
 ];
 
-/// A text of the library with the names of options.
+/// A text of the library with command-line names of options.
 pub fn named(text: &str) -> String {
     NAMES.iter().fold(text.to_owned(), |text, (words, option)| text.replace(words, option))
 }

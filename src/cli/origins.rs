@@ -1,8 +1,8 @@
-//! Where what is known of a raster was found, in one line.
+//! One line that says where the properties of a raster were found.
 
 use std::collections::BTreeMap;
 
-/// Names of the things in a file, and as they are shown, in this order.
+/// Properties in the file and their names for people, in printing order.
 const NAMES: [(&str, &str); 7] = [
     ("place", "place"),
     ("crs", "CRS"),
@@ -13,7 +13,7 @@ const NAMES: [(&str, &str); 7] = [
     ("mask", "mask"),
 ];
 
-/// `place, nodata: dem.tif.aux.xml; CRS: GeoKeys`; `None` if nothing is known.
+/// A line such as `place, nodata: dem.tif.aux.xml; CRS: GeoKeys`; `None` if no origin is known.
 pub fn line(origins: &BTreeMap<String, String>) -> Option<String> {
     let mut found: Vec<(&str, String)> = Vec::new();
     for (key, name) in NAMES {

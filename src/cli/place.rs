@@ -1,5 +1,5 @@
-//! Where a file lies on the Earth, for `relevo info`: longitudes and latitudes of its corners and
-//! its middle.
+//! Where a file lies on the Earth, for `relevo info`: longitude and latitude of its corners and its
+//! middle.
 
 use relevo::container::reader::Reader;
 use relevo::crs::projection::Projection;
@@ -8,17 +8,17 @@ use serde_json::{Value, json};
 
 use crate::cli::table::short;
 
-/// Corners and middle of a raster: name and longitude and latitude, which a projection may not have
-/// everywhere.
-struct Place {
+/// Corners and middle of a raster: name, and longitude and latitude unless the projection is
+/// undefined there.
+struct Location {
     points: [(&'static str, Option<(f64, f64)>); 5],
     datum: String,
-    /// Metres within which it is WGS 84.
+    /// Metres by which the datum may differ from WGS 84.
     within: f64,
 }
 
-/// The place, or why it cannot be told; `None` for files of no place on the Earth.
-fn place(reader: &Reader) -> Option<Result<Place, String>> {
+/// The location, or the reason why it is unknown; `None` for a file without a place on the Earth.
+fn location(reader: &Reader) -> Option<Result<Location, String>> {
     let (header, geo) = (reader.header(), reader.geo());
     if geo.transform.is_none() || geo.crs.kind == CrsKind::Engineering {
         return None;
@@ -40,7 +40,7 @@ fn place(reader: &Reader) -> Option<Result<Place, String>> {
         ("middle", at((east - 0.5) / 2.0, (south - 0.5) / 2.0)),
     ];
     let (datum, within) = (projection.datum().to_owned(), projection.within().unwrap_or(0.0));
-    Some(Ok(Place { points, datum, within }))
+    Some(Ok(Location { points, datum, within }))
 }
 
 /// Metres of a pixel in the middle of the raster, along columns and rows.
@@ -51,15 +51,15 @@ fn pixel_metres(reader: &Reader) -> [f64; 2] {
     [spacing.dx, spacing.dy]
 }
 
-/// Units of a pixel, along columns and rows, to twelve decimals; samples if there is no
-/// georeference.
+/// Size of a pixel in units of the coordinate system, along columns and rows, to twelve decimals;
+/// in samples if there is no georeference.
 fn pixel(geo: &Geo) -> [f64; 2] {
     let [_, a, b, _, d, e] = geo.transform_or_identity();
     [a.hypot(d), b.hypot(e)]
         .map(|side| if (1e-6..1e3).contains(&side) { (side * 1e12).round() / 1e12 } else { side })
 }
 
-/// Lines for people: name and text.
+/// Name and text of each printed line.
 pub fn lines(reader: &Reader) -> Vec<(&'static str, String)> {
     let geo = reader.geo();
     let mut lines = Vec::new();
@@ -74,7 +74,7 @@ pub fn lines(reader: &Reader) -> Vec<(&'static str, String)> {
             if unit == " m" { String::new() } else { format!(", {dx} x {dy} m in the middle of the raster") };
         lines.push(("pixel", format!("{x} x {y}{unit}{metres}")));
     }
-    match place(reader) {
+    match location(reader) {
         None => {}
         Some(Err(reason)) => lines.push(("lon, lat", format!("not told: {reason}"))),
         Some(Ok(place)) => {
@@ -86,7 +86,7 @@ pub fn lines(reader: &Reader) -> Vec<(&'static str, String)> {
             };
             let mut name = "lon, lat";
             for (corner, point) in place.points {
-                // Corners of a raster of degrees are its bounds.
+                // The corners of a raster in degrees are its bounds.
                 if geo.crs.kind == CrsKind::Geographic && corner != "middle" {
                     continue;
                 }
@@ -102,9 +102,9 @@ pub fn lines(reader: &Reader) -> Vec<(&'static str, String)> {
     lines
 }
 
-/// The same for machines.
+/// The location as JSON.
 pub fn facts(reader: &Reader) -> Value {
-    let place = match place(reader) {
+    let place = match location(reader) {
         None => Value::Null,
         Some(Err(reason)) => json!({ "refused": reason }),
         Some(Ok(place)) => {

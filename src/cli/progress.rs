@@ -1,4 +1,4 @@
-//! How far a build is: a bar on a terminal, a line now and then in a log, JSON lines for machines.
+//! Progress of a build: a bar on a terminal, a line from time to time in a log, or JSON lines.
 
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
@@ -10,7 +10,7 @@ use serde_json::json;
 
 use crate::cli::{stopped, table, voice};
 
-/// How to show progress.
+/// How progress is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Mode {
     /// A bar if stderr is a terminal, else a line every ten seconds
@@ -21,11 +21,11 @@ pub enum Mode {
     None,
 }
 
-/// Seconds between two lines in a log, and between two JSON objects.
+/// Time between two lines in a log, and between two JSON objects.
 const LOG_EVERY: Duration = Duration::from_secs(10);
 const JSON_EVERY: Duration = Duration::from_millis(250);
 
-/// Shows progress as the command line asks for.
+/// Prints progress as the command line asks for.
 pub struct Show {
     mode: Mode,
     bar: Option<ProgressBar>,
@@ -35,11 +35,10 @@ pub struct Show {
 struct State {
     stage: Option<Stage>,
     stage_start: Instant,
-    /// How much of the stage was done when it was first told of: all that a resumed build need not
-    /// do again.
+    /// Rows done when the stage began: in a resumed build, those of the earlier run.
     before: u64,
     last_line: Instant,
-    /// Said after the name of the stage.
+    /// Text printed after the name of the stage.
     note: String,
 }
 
@@ -60,14 +59,14 @@ impl Show {
         Self { mode, bar, state: Mutex::new(state) }
     }
 
-    /// Words that go with the progress from now on.
+    /// Sets the text printed after the name of the stage.
     pub fn note(&self, note: &str) {
         if let Ok(mut state) = self.state.lock() {
             note.clone_into(&mut state.note);
         }
     }
 
-    /// Does what writes lines on standard error, above the bar if there is one.
+    /// Runs `speak`, which prints to standard error, with the bar out of its way.
     pub fn aside(&self, speak: impl FnOnce()) {
         match &self.bar {
             Some(bar) => bar.suspend(speak),
@@ -75,17 +74,17 @@ impl Show {
         }
     }
 
-    /// How long the last stage took, if details are wanted.
-    fn tell_stage(&self, state: &State) {
+    /// Prints the duration of the last stage if `--verbose` is set.
+    fn print_stage_time(&self, state: &State) {
         let Some(stage) = state.stage else { return };
         let took = table::seconds(state.stage_start.elapsed().as_secs_f64());
         self.aside(|| voice::detail(&format!("{} took {took}", stage.as_str())));
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn finish(&self) {
         if let Ok(mut state) = self.state.lock() {
-            self.tell_stage(&state);
+            self.print_stage_time(&state);
             state.stage = None;
         }
         if let Some(bar) = &self.bar {
@@ -113,8 +112,7 @@ impl Show {
     }
 }
 
-/// Seconds that the rest will take, if that can be known: a row takes as long as one that has been
-/// done in this time.
+/// Estimated seconds left, at the rate so far; `None` before the first row is done.
 fn seconds_left((before, done, total): (u64, u64, u64), elapsed: f64) -> Option<f64> {
     let (made, rest) = (done.checked_sub(before)?, total.saturating_sub(done));
     if rest == 0 {
@@ -127,7 +125,7 @@ impl Progress for Show {
     fn report(&self, stage: Stage, done: u64, total: u64) {
         let Ok(mut state) = self.state.lock() else { return };
         if state.stage != Some(stage) {
-            self.tell_stage(&state);
+            self.print_stage_time(&state);
             state.stage = Some(stage);
             (state.stage_start, state.before) = (Instant::now(), done);
             if let Some(bar) = &self.bar {

@@ -1,4 +1,4 @@
-//! `relevo stats`: how wrong a file is, by level and tessellation step.
+//! `relevo stats`: prints the errors of a file by level and tessellation step.
 
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -13,21 +13,21 @@ use serde_json::json;
 use crate::cli::table::{Table, bytes, count, short, wrapped};
 use crate::cli::{Outcome, json, shown};
 
-/// How wrong a file is, by level and tessellation step
+/// Print the errors of a file by level and tessellation step
 #[derive(clap::Args)]
 pub struct Args {
     /// The .rlv file
     #[arg(value_name = "FILE.rlv")]
     file: PathBuf,
-    /// As JSON: the statistics section with the header's facts
+    /// Print JSON: the statistics section, and facts of the header
     #[arg(long, conflicts_with = "csv")]
     json: bool,
-    /// As CSV: one line for each level and step
+    /// Print CSV: one line for each level and step
     #[arg(long)]
     csv: bool,
 }
 
-/// Prints the statistics that the file carries.
+/// Prints the statistics section of the file.
 pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let reader = Reader::open(&args.file)?;
     let statistics = reader.statistics()?.ok_or_else(|| {
@@ -50,7 +50,8 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(ExitCode::SUCCESS)
 }
 
-/// One line a level: tiles, sizes, voids, and the errors of the finest and the coarsest step.
+/// Prints one line for each level: tiles, sizes, voids, and the errors at the finest and the
+/// coarsest step.
 pub fn levels_table(statistics: &Statistics, header: &Header, out: &mut dyn Write) -> io::Result<()> {
     let last = header.steps().saturating_sub(1) as usize;
     let coarsest = 1_u64 << last;
@@ -93,7 +94,7 @@ pub fn levels_table(statistics: &Statistics, header: &Header, out: &mut dyn Writ
     table.print(out)
 }
 
-/// `2nd`, `32nd`, `64th`: of a power of two.
+/// An ordinal such as `2nd`, `32nd`, `64th`.
 fn ordinal(number: u64) -> String {
     match (number % 10, number % 100) {
         (2, rest) if rest != 12 => format!("{number}nd"),
@@ -102,7 +103,7 @@ fn ordinal(number: u64) -> String {
     }
 }
 
-/// One line for each level and step: distribution of both errors.
+/// Prints one line for each level and step: the distributions of both errors.
 fn steps_table(statistics: &Statistics, header: &Header, out: &mut dyn Write) -> io::Result<()> {
     for (title, pick) in [("Vertical", vertical as Pick), ("Horizontal", horizontal as Pick)] {
         if statistics.levels.iter().flat_map(|l| &l.steps).all(|s| pick(s).max == 0.0) {
@@ -155,12 +156,12 @@ fn horizontal(step: &Step) -> &ErrorStatistics {
     &step.horizontal
 }
 
-/// Share of a level's lattice within the raster that is void.
+/// Share of void samples in a level's lattice, within the raster.
 pub fn void_share(level: &LevelStatistics) -> f64 {
     1.0 - level.valid as f64 / (level.columns * level.rows) as f64
 }
 
-/// Stored bits for each sample of a level's lattice.
+/// Stored bits per sample of a level's lattice.
 pub fn bits_per_sample(level: &LevelStatistics) -> f64 {
     level_bytes(level) as f64 * 8.0 / (level.columns * level.rows) as f64
 }

@@ -1,4 +1,4 @@
-//! Tables and lines that fit the terminal, for people.
+//! Tables and lines of text that fit the terminal.
 
 use std::io::{self, Write};
 use std::ops::Range;
@@ -7,62 +7,63 @@ use relevo::text::printable;
 
 pub use crate::cli::figures::{bytes, count, grouped, metres, plural, seconds, short};
 
-/// Columns of a page where nobody says how wide it is: a pipe, a file.
+/// Columns of the output if it is not a terminal.
 const PIPED: usize = 80;
-/// Narrower terminals wrap lines themselves.
+/// Least columns assumed: narrower terminals wrap lines themselves.
 const NARROWEST: usize = 40;
 /// Spaces before a table.
 const INDENT: usize = 2;
 
-/// Columns that standard output has: those of its terminal, else 80.
+/// Columns of standard output: those of its terminal, else 80.
 pub fn width() -> usize {
     let terminal = terminal_size::terminal_size_of(io::stdout());
     terminal.map_or(PIPED, |(terminal_size::Width(columns), _)| usize::from(columns).max(NARROWEST))
 }
 
-/// A table: columns as wide as their widest cell, numbers to the right. A heading has as many lines
-/// as it needs, and so have the names of columns that belong together.
+/// A table whose columns are as wide as their widest cell, with numbers aligned right. Headings and
+/// group names may have several lines.
 pub struct Table {
     heading: Vec<String>,
     groups: Vec<(usize, String)>,
     rows: Vec<Vec<String>>,
-    /// The column of words, which stands to the left and is shortened where the table is too wide.
+    /// The column of text, which is aligned left and shortened if the table is too wide.
     words: Option<usize>,
 }
 
 impl Table {
-    /// A table with this heading; a line break in it begins another line.
+    /// A table with a heading for each column; a line break starts another line.
     pub fn new(heading: &[&str]) -> Self {
         let heading = heading.iter().map(ToString::to_string).collect();
         Self { heading, groups: Vec::new(), rows: Vec::new(), words: None }
     }
 
-    /// Names what stands over so many columns each, from the last column backwards: the columns
-    /// before them have no such name.
+    /// Sets names that stand above several columns each: `(columns, name)`, aligned with the last
+    /// column. The columns before them have no group.
     pub fn groups(mut self, groups: &[(usize, &str)]) -> Self {
         self.groups = groups.iter().map(|&(columns, name)| (columns, name.to_owned())).collect();
         self
     }
 
-    /// The column of words, from 0.
+    /// Sets the column of text, counted from 0.
     pub fn words(mut self, column: usize) -> Self {
         self.words = Some(column);
         self
     }
 
-    /// One more row.
+    /// Adds a row.
     pub fn row(&mut self, cells: Vec<String>) {
         self.rows.push(cells);
     }
 
-    /// Prints it, indented by two.
+    /// Prints the table, indented by two.
     pub fn print(&self, out: &mut dyn Write) -> io::Result<()> {
         self.print_in(width(), out)
     }
 
-    /// Prints it on a page so many columns wide.
+    /// Prints the table for a page of `page` columns.
     fn print_in(&self, page: usize, out: &mut dyn Write) -> io::Result<()> {
-        // Columns stand close together where there is no room for two spaces, then words give way.
+        // Columns get one space between them where there is no room for two; then the text column
+        // is shortened.
         let apart = |gap: usize| {
             let mut widths = self.widths();
             self.widen_for_groups(&mut widths, gap);
@@ -77,7 +78,7 @@ impl Table {
         self.print_groups(&widths, gap, out)?;
         let lines = self.heading.iter().map(|name| name.lines().count()).max().unwrap_or(0);
         for line in 0..lines {
-            // The last line of every name stands right above the cells.
+            // The last line of every heading stands right above the cells.
             let part = |name: &String| {
                 let first = lines - name.lines().count();
                 line.checked_sub(first).and_then(|line| name.lines().nth(line)).unwrap_or_default().to_owned()
@@ -95,7 +96,7 @@ impl Table {
         (0..columns).map(|column| cells(column).map(of_cell).max().unwrap_or(0)).collect()
     }
 
-    /// Makes the first column of a group as much wider as the group's name needs.
+    /// Widens the first column of each group until the group's name fits.
     fn widen_for_groups(&self, widths: &mut [usize], gap: usize) {
         for (range, name) in self.spans(widths.len()) {
             let needed = name.lines().map(|line| line.chars().count()).max().unwrap_or(0);
@@ -144,7 +145,7 @@ impl Table {
     }
 }
 
-/// A text in so many columns: its middle gives way, for a path says most at its ends.
+/// A text shortened to `width` columns by leaving out its middle, as a path says most at its ends.
 fn shortened(text: &str, width: usize) -> String {
     let text = &*printable(text);
     let letters: Vec<char> = text.chars().collect();
@@ -155,8 +156,8 @@ fn shortened(text: &str, width: usize) -> String {
     letters[..head].iter().chain(['…'].iter()).chain(&letters[letters.len() - tail..]).collect()
 }
 
-/// A line as wide as the page at most, broken between words; all lines but the first are indented
-/// by `indent`. A word that is longer than a line stays whole: it is a path to be copied.
+/// A text broken between words into lines of at most the page width; all but the first are indented
+/// by `indent`. A longer word stays whole, since it may be a path to copy.
 pub fn wrapped(text: &str, indent: usize) -> String {
     wrapped_in(text, indent, width())
 }
@@ -181,12 +182,12 @@ fn wrapped_in(text: &str, indent: usize, page: usize) -> String {
     lines.join("\n")
 }
 
-/// Prints named facts, one a line, as `  name       text`; a long text goes on below itself.
+/// Prints a named fact as `  name       text`; a long text continues below itself.
 pub fn fact(name: &str, text: &str, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "{}", wrapped(&format!("  {name:<NAMES$} {text}"), NAMES + 3))
 }
 
-/// Columns of the names of facts.
+/// Width of the column of names.
 const NAMES: usize = 10;
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! `relevo verify`: what is wrong with a file, if anything.
+//! `relevo verify`: checks a file and prints the problems found.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
@@ -14,47 +14,48 @@ use serde_json::json;
 use crate::cli::build::size;
 use crate::cli::dem::{Dem, SourceArgs};
 use crate::cli::table::{Table, count, grouped, plural, short, wrapped};
-use crate::cli::warnings::{say, told};
+use crate::cli::warnings::{print_warnings, with_options};
 use crate::cli::{Outcome, inputs, json, shown, stopped, voice};
 
-/// Check a file: checksums, structure, invariants; against its source; every error by brute force
+/// Check a file: checksums, structure, invariants; also against its source, and every error by
+/// brute force
 #[derive(clap::Args)]
 pub struct Args {
     /// The .rlv file
     #[arg(value_name = "FILE.rlv")]
     pub(super) file: PathBuf,
-    /// The DEM it was built from: compare every sample
+    /// Compare every sample with the DEM that the file was built from
     #[arg(long, value_name = "DEM", num_args = 1..)]
     pub(super) source: Vec<PathBuf>,
-    /// Recompute every error by brute force, at full resolution in memory
+    /// Recompute every error by brute force, with all samples of the finest level in memory
     #[arg(long)]
     pub(super) deep: bool,
-    /// Keep within this much memory (256MiB, 2GiB), comparing fewer rows at a time; slower then.
-    /// Refuse before the work if it takes more
-    #[arg(long, value_name = "SIZE", value_parser = size)]
-    memory: Option<u64>,
-    /// Problems to show of each check; all are counted
+    /// Print up to N problems of each check; all are counted
     #[arg(long, value_name = "N", default_value_t = 10)]
     pub(super) show: usize,
-    /// As JSON
+    /// Use at most this much memory, such as 256MiB or 2GiB; slower with fewer rows compared at a
+    /// time, and refused at the start if it is not enough
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    memory: Option<u64>,
+    /// Print the report as JSON
     #[arg(long)]
     pub(super) json: bool,
     #[command(flatten)]
     pub(super) reading: SourceArgs,
-    /// True after a build, which has told the warnings.
+    /// True after a build, which has already printed the warnings.
     #[arg(skip)]
     built: bool,
 }
 
 impl Args {
-    /// The check of a file that has just been built.
+    /// The arguments for checking a file that has just been built.
     pub fn after_build(file: PathBuf, dem: &Dem, (reading, memory): (&SourceArgs, Option<u64>)) -> Self {
         let (source, reading) = (dem.dems.clone(), reading.clone());
         Self { file, source, reading, memory, deep: false, show: 10, json: false, built: true }
     }
 }
 
-/// Checks, and says what was found: exit code 0 if all is good, 1 if not.
+/// Checks the file and prints the report; the exit code is 0 if there is no problem, else 1.
 pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let report = match Reader::open_with(&args.file, ReaderOptions::within(args.memory)) {
         Ok(reader) => check(args, &reader)?,
@@ -93,7 +94,7 @@ fn check(args: &Args, reader: &Reader) -> relevo::Result<VerifyReport> {
     let dems = inputs::expand(&args.source)?;
     let source = (!dems.is_empty()).then(|| args.reading.open(&dems)).transpose()?;
     if let Some(source) = source.as_ref().filter(|_| !args.built) {
-        say(&told(&source.info().warnings));
+        print_warnings(&with_options(&source.info().warnings));
     }
     let options = VerifyOptions { deep: args.deep, keep: args.show, ..VerifyOptions::default() };
     let bar = (io::stderr().is_terminal() && !voice::quiet()).then(|| {
@@ -167,7 +168,7 @@ fn print_tightness(report: &VerifyReport, out: &mut dyn Write) -> io::Result<()>
     table.print(out)
 }
 
-/// Four digits where it is close to 1.
+/// A ratio to four digits if it is close to 1.
 fn ratio(value: f64) -> String {
     if value < 9.9995 { format!("{value:.3}") } else { short(value) }
 }

@@ -1,49 +1,48 @@
-//! What is said on standard error: errors, warnings, progress, details; how much of it, and in
-//! which colours.
+//! Messages on standard error: errors, warnings and details, how many of them, and in which
+//! colours.
 
 use std::io::{self, Write};
 use std::sync::OnceLock;
 
 use anstream::{AutoStream, ColorChoice};
 
-/// Bold red, as clap writes `error:`.
+/// Bold red, as clap prints `error:`.
 const ERROR: &str = "\x1b[1m\x1b[31m";
 /// Bold yellow.
 const WARNING: &str = "\x1b[1m\x1b[33m";
-/// As before.
+/// Back to plain text.
 const PLAIN: &str = "\x1b[0m";
 
-/// The options that every command has.
+/// Options of every command.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 #[command(next_help_heading = "What is said")]
 pub struct VoiceArgs {
-    /// No progress and no report of what was made; errors, warnings and what was asked for (--json,
-    /// tables) stay
+    /// Print no progress and no report; errors, warnings and requested data (JSON, tables) remain
     #[arg(long, short, global = true, conflicts_with = "verbose")]
     quiet: bool,
-    /// More: how long each part took, all sources, all sections
+    /// Print more: durations of all stages, all sources, all sections
     #[arg(long, short, global = true)]
     verbose: bool,
-    /// Colours on standard error: auto is on a terminal, unless `NO_COLOR` is set
+    /// Choose when messages on standard error are coloured; auto: on a terminal, unless `NO_COLOR`
+    /// is set
     #[arg(long, global = true, value_name = "WHEN", value_enum, default_value = "auto")]
     color: Color,
 }
 
-/// When to write in colours.
+/// When messages are coloured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Color {
     /// On a terminal
     #[default]
     Auto,
-    /// Everywhere
+    /// Always
     Always,
-    /// Nowhere
+    /// Never
     Never,
 }
 
 impl Color {
-    /// What the words of a command line ask for, before they are parsed: what is wrong with them is
-    /// told in these colours.
+    /// The colour option as found in the raw arguments, for errors in parsing them.
     pub fn asked() -> Self {
         let words: Vec<String> = std::env::args_os()
             .map(|word| word.to_string_lossy().into_owned())
@@ -61,7 +60,7 @@ impl Color {
         }
     }
 
-    /// As clap names it.
+    /// The same choice for clap.
     pub fn of_clap(self) -> clap::ColorChoice {
         match self {
             Self::Auto => clap::ColorChoice::Auto,
@@ -79,12 +78,12 @@ impl Color {
     }
 }
 
-/// Set once, when the command line has been parsed.
+/// The options, set once when the command line has been parsed.
 static VOICE: OnceLock<VoiceArgs> = OnceLock::new();
 
-/// From here on all that is said is said so.
+/// Sets the options for all messages.
 pub fn set(args: VoiceArgs) {
-    // The first word counts; nobody sets it twice.
+    // Only the first call has an effect, and there is only one.
     let _ = VOICE.set(args);
 }
 
@@ -92,28 +91,27 @@ fn voice() -> VoiceArgs {
     VOICE.get().copied().unwrap_or_else(|| VoiceArgs { color: Color::asked(), ..VoiceArgs::default() })
 }
 
-/// True if neither progress nor reports are wanted.
+/// True if neither progress nor reports are printed.
 pub fn quiet() -> bool {
     voice().quiet
 }
 
-/// True if details are wanted.
+/// True if details are printed.
 pub fn verbose() -> bool {
     voice().verbose
 }
 
-/// Says why a command, or one of its inputs, failed. Standard error may be gone: then nobody can be
-/// told.
+/// Prints an error. If standard error is closed the message is lost.
 pub fn error(message: &str) {
     say(ERROR, "", message);
 }
 
-/// Says what is odd although the work goes on.
+/// Prints a warning.
 pub fn warning(message: &str) {
     say(WARNING, "warning: ", message);
 }
 
-/// Says something in passing, if details are wanted.
+/// Prints a detail if `--verbose` is set.
 pub fn detail(message: &str) {
     if verbose() {
         say("", "", message);

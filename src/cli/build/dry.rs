@@ -1,4 +1,4 @@
-//! `relevo build --dry-run`: what would be made, and what it takes.
+//! `relevo build --dry-run`: prints what would be made and what it would take.
 
 use std::io::Write;
 use std::path::Path;
@@ -16,7 +16,7 @@ use crate::cli::dem::Dem;
 use crate::cli::table::{bytes, count, fact, grouped, plural, seconds, wrapped};
 use crate::cli::{Outcome, json, shown};
 
-/// Says what would be made; some tiles of the DEM are read for it.
+/// Prints the plan of a build; some tiles of the DEM are read to estimate it.
 pub fn run(
     (args, dem): (&Args, &Dem),
     (source, layer): (&dyn Source, Option<&Layer<'_>>),
@@ -72,7 +72,7 @@ fn facts(plan: &Plan, estimate: &Estimate, memory: u64) -> Value {
     })
 }
 
-/// Bytes of memory that a build takes at most: its imagery is made when its heights are done.
+/// Most bytes of memory that the build takes; the imagery is made after the heights are done.
 fn memory((plan, layer): (&Plan, Option<&Layer<'_>>), options: &BuildOptions) -> Result<u64, Error> {
     let heights = column_passes::memory_estimate(plan, options)?;
     let Some(layer) = layer else { return Ok(heights) };

@@ -1,5 +1,5 @@
-//! Names of the outputs of a batch: each input's own, with as much of its path in front as tells it
-//! from the others.
+//! Names of a batch's outputs: that of the input, preceded by as much of its path as makes it
+//! unique.
 
 use std::collections::HashMap;
 use std::ffi::{OsStr, OsString};
@@ -10,14 +10,14 @@ use relevo::source;
 
 use crate::cli::shown;
 
-/// The output of every input, in a folder. Inputs of one name get the names of their folders in
-/// front (`north-n51.rlv`), and, where they lie in one folder, what their own names end in
+/// The output path of every input in `folder`. Inputs of the same name get the names of their
+/// folders in front (`north-n51.rlv`); if these are the same too, their extensions behind
 /// (`n51-hgt.rlv`).
 pub fn outputs(inputs: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut names: Vec<OsString> = inputs.iter().map(|input| source::stem(input)).collect();
     let mut prefixes: Vec<Vec<OsString>> = inputs.iter().map(|input| folders(input)).collect();
     let mut suffixed = vec![false; inputs.len()];
-    while let Some(group) = alike(&names) {
+    while let Some(group) = same_names(&names) {
         let mut changed = false;
         for &i in &group {
             let folder_differs = group.iter().any(|&j| prefixes[j] != prefixes[i]);
@@ -45,7 +45,7 @@ pub fn outputs(inputs: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Error>
     Ok(names.iter().map(|name| folder.join(joined(name, ".", OsStr::new("rlv")))).collect())
 }
 
-/// Two parts of a name with a sign between them.
+/// Two parts of a name with a separator between them.
 fn joined(first: &OsStr, between: &str, second: &OsStr) -> OsString {
     let mut name = first.to_owned();
     name.push(between);
@@ -53,8 +53,8 @@ fn joined(first: &OsStr, between: &str, second: &OsStr) -> OsString {
     name
 }
 
-/// Inputs whose outputs would have one name: also where a file system takes no notice of capitals.
-fn alike(names: &[OsString]) -> Option<Vec<usize>> {
+/// Indices of inputs whose outputs would have the same name, ignoring case as some file systems do.
+fn same_names(names: &[OsString]) -> Option<Vec<usize>> {
     let mut groups: HashMap<OsString, Vec<usize>> = HashMap::with_capacity(names.len());
     for (i, name) in names.iter().enumerate() {
         let small =
@@ -64,7 +64,7 @@ fn alike(names: &[OsString]) -> Option<Vec<usize>> {
     groups.into_values().filter(|group| group.len() > 1).min()
 }
 
-/// The names of the folders that an input lies in, the nearest last.
+/// Names of the folders that an input lies in, the nearest last.
 fn folders(input: &Path) -> Vec<OsString> {
     let absolute = std::path::absolute(input).unwrap_or_else(|_| input.to_owned());
     let parts = absolute.parent().into_iter().flat_map(Path::components);
@@ -94,7 +94,7 @@ mod tests {
         assert_eq!(names(&["/p/a/x.tif", "/q/a/x.tif"]), ["p-a-x.rlv", "q-a-x.rlv"]);
         assert_eq!(names(&["/a/x.tif", "/a/X.hgt"]), ["x-tif.rlv", "X-hgt.rlv"]);
         assert_eq!(names(&["/a/x.tif", "/a/x.hgt", "/b/x.tif"]), ["a-x-tif.rlv", "a-x-hgt.rlv", "b-x.rlv"]);
-        // A name that is made may be another's own.
+        // A lengthened name may be that of another input.
         assert_eq!(names(&["/a/x.tif", "/b/x.tif", "/c/a-x.tif"]).len(), 3);
         assert!(named(&["/a/x.tif", "/a/x.tif"]).expect_err("twice").contains("would both become"));
         assert!(named(&["/a/x.tif", "/a/./x.tif"]).is_err());

@@ -1,5 +1,5 @@
-//! What a batch has done, in a file beside its outputs: one JSON object a line, so that a batch
-//! that is killed loses at most the line it was writing.
+//! The record of a batch, a file beside its outputs with one JSON object a line: a batch that is
+//! killed loses at most its last line.
 
 use std::collections::HashMap;
 use std::fs::{self, File, OpenOptions};
@@ -11,24 +11,24 @@ use relevo::Error;
 use relevo::source::{FileStamp, Fingerprint};
 use serde::{Deserialize, Serialize};
 
-/// Name of the file in the folder of the outputs.
+/// Name of the record in the output folder.
 pub const NAME: &str = "relevo-each.jsonl";
 
-/// An output that was finished.
+/// A finished output.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
-    /// The output as it was then.
+    /// Stamp of the output when it was finished.
     pub output: FileStamp,
-    /// Its input as it was.
+    /// Fingerprint of the input at that time.
     pub input: Fingerprint,
-    /// Everything that decides what is made of an input, as text.
+    /// All options that change the output, as text.
     pub options: String,
-    /// What was warned of.
+    /// Warnings of the build.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }
 
-/// An input of which nothing was made, and why.
+/// An input that failed, and its error.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct Failed<'a> {
     failed: &'a str,
@@ -43,7 +43,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// Opens or begins the record of a folder. Lines that are not whole are passed over: their
+    /// Opens the record of a folder or begins one. Incomplete lines are ignored, so that their
     /// outputs are made again.
     pub fn open(folder: &Path) -> Result<Self, Error> {
         let path = folder.join(NAME);
@@ -62,14 +62,14 @@ impl Record {
         Ok(Self { path: path.clone(), file: Mutex::new(file), done })
     }
 
-    /// True if the output is there as it was made, from this input and with these options.
+    /// True if the output is unchanged and was made from this input with these options.
     pub fn has(&self, output: &Path, input: &Fingerprint, options: &str) -> bool {
         let Ok(stamp) = FileStamp::of(output) else { return false };
         let entry = self.done.get(&stamp.name);
         entry.is_some_and(|e| e.output == stamp && e.input == *input && e.options == options)
     }
 
-    /// Notes an output that has just been finished.
+    /// Adds a finished output.
     pub fn add(
         &self,
         output: &Path,
@@ -81,12 +81,12 @@ impl Record {
         self.write(&Entry { output: FileStamp::of(output)?, input, options, warnings })
     }
 
-    /// Notes an input that has failed; it is tried again when the batch is resumed.
+    /// Adds a failed input, which is tried again when the batch is resumed.
     pub fn add_failed(&self, input: &Path, error: &str) -> Result<(), Error> {
         self.write(&Failed { failed: &input.to_string_lossy(), error })
     }
 
-    /// Writes a line.
+    /// Appends a line.
     fn write(&self, entry: &impl Serialize) -> Result<(), Error> {
         let mut line = serde_json::to_string(entry)
             .map_err(|error| Error::usage(format!("the record of the batch cannot be written: {error}")))?;
