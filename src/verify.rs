@@ -1,10 +1,9 @@
-//! Checks a container: checksums, structure, invariants; on request every sample against its
-//! source, and every error by brute force.
+//! Checks a container: checksums, structure and invariants; on request also every sample against
+//! its source, and every error by brute force.
 //!
-//! Nothing here prints and nothing is repaired: what is wrong becomes a [`Problem`] in a
-//! [`VerifyReport`]. An `Err` says that the check itself could not be made. What is recomputed is
-//! recomputed in ways of its own: the geometry in here shares no formula with `patch`, and metres
-//! are made by arithmetic of its own (`ground`).
+//! Nothing here prints or repairs: whatever is wrong becomes a [`Problem`] in a [`VerifyReport`].
+//! An `Err` means that the check could not be made. Values are recomputed independently: the
+//! geometry here shares no formula with `patch`, and metres are computed in `ground`.
 //!
 //! # What nobody can check
 //! A file that lies with care, about a thing that stands in it once, cannot be caught by itself:
@@ -53,14 +52,14 @@ use crate::geo::CrsKind;
 use crate::progress::Progress;
 use crate::source::Source;
 
-/// What to check, and how much of it to tell.
+/// What to check, and how many problems to report.
 #[derive(Clone, Copy, Debug)]
 pub struct VerifyOptions {
     /// Recompute every error by brute force. Needs the lattice of full resolution in memory.
     pub deep: bool,
-    /// Problems that each check keeps; all are counted.
+    /// Most problems that each check keeps; all are counted.
     pub keep: usize,
-    /// Largest number of samples of full resolution for `deep` (2^28).
+    /// Most samples of full resolution for `deep` (2^28).
     pub max_deep_samples: u64,
 }
 
@@ -72,10 +71,10 @@ impl Default for VerifyOptions {
 
 /// Checks an open file.
 ///
-/// Damage is a finding, not an error; a disk that cannot be read, or a raster too large for `deep`,
-/// is an error. Where the reader has a limit of memory (`ReaderOptions::memory`) it is kept: the
-/// source is then read in fewer rows at a time, and what is still too much is refused before the
-/// check.
+/// Damage is a problem in the report, not an error; a disk that cannot be read, or a raster too
+/// large for `deep`, is an error. If the reader has a memory limit (`ReaderOptions::memory`) the
+/// source is read in fewer rows at a time, and a check that still exceeds the limit is refused at
+/// the start.
 pub fn verify(
     reader: &Reader,
     source: Option<&dyn Source>,
@@ -103,7 +102,7 @@ pub fn verify(
     Ok(report)
 }
 
-/// What version 1 of the format left open: a check that was not made, and says why.
+/// A check that was not made, with the reason: version 1 of the format left something open.
 fn unproven(reader: &Reader, keep: usize) -> Option<Check> {
     let header = reader.header();
     let geographic = reader.geo().crs.kind == CrsKind::Geographic;
@@ -116,8 +115,7 @@ fn unproven(reader: &Reader, keep: usize) -> Option<Check> {
     })
 }
 
-/// The report of a file that a reader has refused to open as damaged. Any other reason is passed
-/// on.
+/// The report of a file that the reader refused to open as damaged. Any other error is returned.
 pub fn refused(error: Error) -> Result<VerifyReport> {
     let mut check = Check::new("opening", "files", 1);
     check.looked_at = 1;

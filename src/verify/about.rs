@@ -1,9 +1,9 @@
-//! What a file says about itself without a sample: metadata against the header, and the coordinate
-//! system against itself.
+//! Checks what a file says about itself without a sample: metadata against the header, and parts of
+//! the coordinate system against each other.
 //!
-//! A file states much of this twice: the geotransform and the bounds, the vertical unit's name and
-//! its metres, the GeoTIFF keys, the WKT and what was made of them. Where the two differ one of
-//! them is wrong, and nobody can say which: that is a problem.
+//! A file states many properties twice: geotransform and bounds, name and metres of the vertical
+//! unit, GeoTIFF keys, WKT and the fields derived from them. Where the two differ one of them is
+//! wrong, and there is no telling which: that is a problem.
 
 use serde_json::Value;
 
@@ -16,12 +16,12 @@ use crate::geo::{Crs, CrsKind, Ellipsoid, GeoKeys};
 use crate::sample::Coding;
 use crate::source::unit;
 
-/// Arithmetic in f64, taken in another order.
+/// Relative difference allowed because f64 operations were done in another order.
 const SLACK: f64 = 1e-9;
-/// Lengths that are printed with few digits.
+/// Relative difference allowed for lengths printed with few digits.
 const PRINTED: f64 = 1e-6;
 
-/// Bounds, units, options, coordinate system, notes on imagery.
+/// Checks bounds, units, options, coordinate system, and the notes on imagery.
 pub(super) fn check(reader: &Reader, keep: usize) -> Check {
     let mut check = Check::new("metadata", "members", keep);
     let (header, metadata) = (reader.header(), reader.metadata());
@@ -34,13 +34,13 @@ pub(super) fn check(reader: &Reader, keep: usize) -> Check {
 }
 
 impl Check {
-    /// Counts a member that was looked at, and a problem unless `is`.
+    /// Counts a member of the metadata, and a problem if `is` is false.
     fn member(&mut self, is: bool, name: &str, expected: impl ToString, got: impl ToString) {
         self.looked_at += 1;
         self.demand(is, || Place::of(name), expected, got);
     }
 
-    /// Two numbers that should be one but for their last digits.
+    /// Checks that two numbers are equal but for their last digits.
     fn number(&mut self, name: &str, expected: f64, got: f64, slack: f64) {
         let largest = expected.abs().max(got.abs());
         let is = expected == got || (largest.is_finite() && (expected - got).abs() <= slack * largest);
@@ -48,7 +48,7 @@ impl Check {
     }
 }
 
-/// The outer edges of the raster, by the geotransform.
+/// Checks the outer edges of the raster against the geotransform.
 fn check_bounds(header: &Header, stored: Option<[f64; 4]>, check: &mut Check) {
     let Some([x0, a, b, y0, d, e]) = header.transform else {
         let got = if stored.is_none() { "null" } else { "numbers" };
@@ -63,7 +63,7 @@ fn check_bounds(header: &Header, stored: Option<[f64; 4]>, check: &mut Check) {
     };
     let ((west, east), (south, north)) = (edges(x0, a, b), edges(y0, d, e));
     let expected = [west, south, east, north];
-    // What rounding may have lost depends on the numbers that were added, not on their sum.
+    // Rounding errors depend on the numbers that were added, not on their sum.
     let largest =
         [x0, y0, a * width, b * height, d * width, e * height].map(f64::abs).into_iter().fold(0.0, f64::max);
     let near = |stored: [f64; 4]| {
@@ -73,7 +73,7 @@ fn check_bounds(header: &Header, stored: Option<[f64; 4]>, check: &mut Check) {
     check.member(stored.is_some_and(near), "bounds", format!("{expected:?}"), got);
 }
 
-/// The vertical unit, and codes that stand for whole numbers.
+/// Checks the vertical unit, and that codes of integers are integers.
 fn check_values(header: &Header, metadata: &Metadata, check: &mut Check) {
     if let Some(metres) = unit::metres_of(&metadata.vertical_unit) {
         check.number("vertical_unit", metres, header.unit_metres, PRINTED);
@@ -86,7 +86,7 @@ fn check_values(header: &Header, metadata: &Metadata, check: &mut Check) {
     }
 }
 
-/// Options that the header says too. Other programs have members of their own.
+/// Checks options that the header states too. Options of other programs are ignored.
 fn check_options(header: &Header, metadata: &Metadata, check: &mut Check) {
     if !metadata.tool.starts_with("relevo ") {
         return;
@@ -120,7 +120,7 @@ fn check_options(header: &Header, metadata: &Metadata, check: &mut Check) {
     }
 }
 
-/// The coordinate system against its keys, its WKT, and the Earth.
+/// Checks the coordinate system against its keys, its WKT, and the Earth.
 fn check_crs(header: &Header, metadata: &Metadata, check: &mut Check) {
     let crs = &metadata.crs;
     let Ellipsoid { a, inverse_flattening } = crs.ellipsoid;
@@ -138,10 +138,10 @@ fn check_crs(header: &Header, metadata: &Metadata, check: &mut Check) {
     }
 }
 
-/// Values of GeoTIFF keys that stand in the directory itself.
+/// Checks GeoTIFF keys whose values stand in the key directory itself.
 fn check_keys(crs: &Crs, keys: &GeoKeys, pixel_is_point: bool, check: &mut Check) {
-    // What stands behind the number of keys in the header does not count; of a key that is there
-    // twice, the last.
+    // Entries beyond the number of keys in the header do not count; of two equal keys, the last
+    // does.
     let count = keys.directory.get(3).copied().map_or(0, usize::from);
     let row = |key: u16| keys.directory.chunks_exact(4).skip(1).take(count).rfind(|row| row[0] == key);
     let short = |key: u16| row(key).filter(|row| row[1] == 0).map(|row| row[3]);
@@ -155,7 +155,7 @@ fn check_keys(crs: &Crs, keys: &GeoKeys, pixel_is_point: bool, check: &mut Check
         _ => None,
     };
     if let Some(kind) = kind {
-        // Keys that make no sense give an engineering system.
+        // Keys without a valid meaning give an engineering system.
         let is = crs.kind == kind || crs.kind == CrsKind::Engineering;
         check.member(is, "crs, kind", format!("{kind:?}, by its keys"), format!("{:?}", crs.kind));
     }
@@ -167,7 +167,7 @@ fn check_keys(crs: &Crs, keys: &GeoKeys, pixel_is_point: bool, check: &mut Check
             ("crs, ellipsoid, a", 2057, crs.ellipsoid.a),
             ("crs, ellipsoid, inverse_flattening", 2059, crs.ellipsoid.inverse_flattening),
         ] {
-            // Keys of axes may be in another unit, and are then not comparable.
+            // Axes may have a unit of their own; their keys are then not comparable.
             if let (Some(expected), None) = (double(key), short(2052).filter(|&unit| unit != 9001)) {
                 check.number(name, expected, got, PRINTED);
             }
@@ -175,7 +175,7 @@ fn check_keys(crs: &Crs, keys: &GeoKeys, pixel_is_point: bool, check: &mut Check
     }
 }
 
-/// The WKT, where it is plain enough to be read.
+/// Checks the WKT if it is simple enough to be parsed.
 fn check_wkt(crs: &Crs, check: &mut Check) {
     let Some(wkt) = Wkt::of(&crs.wkt) else { return };
     if let Some(kind) = wkt.kind() {
@@ -201,7 +201,7 @@ fn check_wkt(crs: &Crs, check: &mut Check) {
     }
 }
 
-/// No sample of a geographic raster stands beyond a pole by more than a pixel.
+/// Checks that no sample of a geographic raster lies beyond a pole by more than a pixel.
 fn check_latitudes(header: &Header, unit: f64, [y0, d, e]: [f64; 3], check: &mut Check) {
     let (columns, rows) = (f64::from(header.width - 1), f64::from(header.height - 1));
     let pole = std::f64::consts::FRAC_PI_2 / unit + d.abs() + e.abs();
@@ -212,7 +212,7 @@ fn check_latitudes(header: &Header, unit: f64, [y0, d, e]: [f64; 3], check: &mut
     check.member(farthest.abs() <= pole, "geotransform of a geographic raster", expected, farthest);
 }
 
-/// The note on imagery against the layer.
+/// Checks the notes on imagery against the layer.
 fn check_imagery(reader: &Reader, check: &mut Check) {
     let (layer, note) = (reader.imagery(), &reader.metadata().imagery);
     let word = |is: bool| if is { "a note" } else { "none" };

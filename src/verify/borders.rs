@@ -1,8 +1,8 @@
-//! Samples that neighbouring tiles share, and tiles that must be there because a neighbour says so.
+//! Checks samples that neighbouring tiles share, and that tiles exist which a neighbour implies.
 //!
-//! A tile's border waits until all its neighbours have come: with tiles in storage order few wait
-//! at a time. A void sample is compared where its own tile shows that it has a fill: one of its
-//! eight neighbours is valid.
+//! A tile's border is kept until all its neighbours have been read; in storage order few are kept
+//! at a time. A void sample is compared if its own tile shows that it has a fill: one of its eight
+//! neighbours is valid.
 
 use std::collections::HashMap;
 
@@ -13,13 +13,13 @@ use crate::error::Result;
 use crate::sample::{FILLED, Lattice, VALID, VOID};
 use crate::tile::TileId;
 
-/// The eight neighbours.
+/// Directions of the eight neighbours.
 const AROUND: [(i64, i64); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
 
 /// Code, low and state of a border sample.
 type Sample = (i32, u32, u8);
 
-/// The four sides of a tile, corners in both of theirs.
+/// The four sides of a tile; a corner belongs to two of them.
 pub(super) struct Border {
     north: Vec<Sample>,
     south: Vec<Sample>,
@@ -42,7 +42,7 @@ impl Border {
         }
     }
 
-    /// What a tile shares with its neighbour in a direction.
+    /// The samples that a tile shares with its neighbour in a direction.
     fn towards(&self, direction: (i64, i64)) -> &[Sample] {
         let last = self.north.len() - 1;
         match direction {
@@ -72,13 +72,13 @@ fn sample(lattice: &Lattice, x: usize, y: usize) -> Sample {
     (lattice.code[at], lattice.low_at(at), state)
 }
 
-/// Borders that wait for neighbours.
+/// Borders whose neighbours have not all been read.
 pub(super) struct Borders<'a> {
     reader: &'a Reader,
     waiting: HashMap<TileId, Waiting>,
-    /// Shared samples compared.
+    /// The check of shared samples.
     pub check: Check,
-    /// Neighbours that must exist.
+    /// The check of neighbours that must exist.
     pub existence: Check,
 }
 
@@ -89,7 +89,7 @@ struct Waiting {
 }
 
 impl<'a> Borders<'a> {
-    /// None yet.
+    /// No borders yet.
     pub fn new(reader: &'a Reader, keep: usize) -> Self {
         let check = Check::new("borders", "shared samples", keep);
         Self {
@@ -100,7 +100,7 @@ impl<'a> Borders<'a> {
         }
     }
 
-    /// The next tile of a walk, with its border if it could be decoded.
+    /// Adds the next tile in storage order, with its border if it could be decoded.
     pub fn add(&mut self, id: TileId, border: Option<Border>) -> Result<()> {
         let mut open = 0;
         for direction in AROUND {
@@ -130,7 +130,7 @@ impl<'a> Borders<'a> {
         Ok(())
     }
 
-    /// True if a leaf of a coarser level stands for a tile.
+    /// True if the tile lies in a leaf of a coarser level.
     fn covered(&self, id: TileId) -> Result<bool> {
         for ancestor in std::iter::successors(id.parent(), |tile| tile.parent()) {
             if let Some(entry) = self.reader.entry(ancestor)? {

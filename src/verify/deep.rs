@@ -1,8 +1,8 @@
-//! Every sample against full resolution, and every error recomputed.
+//! Checks every sample against full resolution, and recomputes every error.
 //!
-//! Spacing `s` at level `l` draws the same surface as spacing `2 s` at level `l + 1`: each spacing
-//! of the whole lattice is computed once, cell by cell, and gathered into the patches of each level
-//! that can be drawn so.
+//! Spacing `s` at level `l` draws the same surface as spacing `2 s` at level `l + 1`. So the errors
+//! of each spacing are computed once, cell by cell over the whole lattice, and combined for the
+//! patches of every level that draws it.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -28,10 +28,11 @@ use crate::progress::{Progress, Stage};
 use crate::sample::Coding;
 use crate::tile::TileId;
 
-/// What f64 may lose in turning an exact deviation into metres, and in measuring a distance.
+/// Relative rounding allowed in converting an exact deviation to metres, and in measuring a
+/// distance.
 const SLACK: [f64; 2] = [1e-12, 1e-9];
 
-/// Adds its checks and the tightness to the report.
+/// Adds the deep checks and the tightness to the report.
 pub(super) fn check(
     reader: &Reader,
     tables: &Tables,
@@ -107,8 +108,8 @@ fn compare_samples(
     Ok(())
 }
 
-/// The index's height ranges, from the leaves to the root: of a tile's own samples and of those of
-/// its children, and no wider.
+/// Checks that the height range of each tile, from the leaves to the root, is no wider than its
+/// samples and its children's ranges.
 fn check_ranges(entries: &[&TileEntry], mut hulls: HashMap<TileId, Hull>, check: &mut Check) {
     for entry in entries.iter().rev() {
         let Some(hull) = hulls.remove(&entry.id) else { continue };
@@ -119,7 +120,7 @@ fn check_ranges(entries: &[&TileEntry], mut hulls: HashMap<TileId, Hull>, check:
     }
 }
 
-/// Stored over true errors of one level and step: vertical, horizontal.
+/// Ratios of stored to true errors of one level and step: vertical, horizontal.
 type Pairs = [Vec<f32>; 2];
 
 struct Deep<'a> {
@@ -129,8 +130,8 @@ struct Deep<'a> {
     ratios: BTreeMap<(u8, u32), Pairs>,
 }
 
-/// Metres of one unit of the numbers that deviations are computed in, and of the quantisation
-/// error.
+/// Metres of one unit of the numbers in which deviations are computed, and metres of the
+/// quantisation error.
 fn metres_of_number(header: &Header) -> (f64, f64) {
     let metres = header.band_scale.abs() * header.unit_metres;
     let scale = if let Coding::Integer { scale, .. } = header.coding { scale.abs() } else { 1.0 };
@@ -138,7 +139,7 @@ fn metres_of_number(header: &Header) -> (f64, f64) {
 }
 
 impl Deep<'_> {
-    /// Metric `bound`: no stored error is below the true one.
+    /// For metric `bound`, checks that no stored error is below the true one.
     fn bound(&mut self, full: &Full, progress: &dyn Progress) -> Result<()> {
         let header = self.reader.header();
         let occupancy = Occupancy::of(full);
@@ -180,7 +181,7 @@ impl Deep<'_> {
         Ok(())
     }
 
-    /// Metric `paper`: the stored errors are the one-step errors.
+    /// For metric `paper`, checks that stored errors are the one-step errors.
     fn paper(&mut self, full: &Full, progress: &dyn Progress) -> Result<()> {
         let header = self.reader.header();
         let (metres, quantisation) = metres_of_number(header);
@@ -241,15 +242,15 @@ impl Deep<'_> {
     }
 }
 
-/// Tiles of a level with their tables, in a fixed order.
+/// Tiles of a level with their error tables, in a fixed order.
 fn of_level(tables: &Tables, level: u8) -> impl Iterator<Item = (&TileEntry, &ErrorTable)> {
     let range = TileId::new(level, 0, 0)..TileId::new(level + 1, 0, 0);
     tables.by_tile.range(range).map(|(_, (entry, table))| (entry, table))
 }
 
-/// Holds the stored errors of a level and step against the true ones: `truth(column, row)` of a
-/// patch counted over the level gives the true error at this step, and the largest at this and all
-/// finer ones. Gives stored over the latter where it is not small.
+/// Checks the stored errors of a level and step. `truth(column, row)` gives, for a patch counted
+/// over the level, the true error at this step and the largest at this and all finer steps. Returns
+/// the ratios of the stored error to the latter where it is not small.
 fn compare(
     tables: &Tables,
     level: u8,
@@ -281,7 +282,7 @@ fn compare(
     pairs.into_iter().filter(|pair| pair.1 > least).map(|(stored, truth)| stored / truth).collect()
 }
 
-/// True if a patch, borders included, has a valid sample of full resolution in or below it.
+/// True if a patch has a valid sample of full resolution, on its borders or inside.
 fn has_valid(header: &Header, full: &Full, id: TileId, patch: usize) -> bool {
     let (left, top) = header.origin(id);
     let side = header.patches() as usize;

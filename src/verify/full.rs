@@ -1,7 +1,7 @@
-//! The lattice of full resolution, decoded, with the fills that the specification asks for (section
+//! The decoded lattice of full resolution, with fills as the specification defines them (section
 //! 2).
 //!
-//! Fills are found by brute force, one sample at a time, from the valid samples alone.
+//! Fills are computed by brute force, one sample at a time, from valid samples only.
 
 use rayon::prelude::*;
 
@@ -21,18 +21,18 @@ pub(super) const FILL_ROWS: usize = 64;
 /// Code, low and state of a sample.
 pub(super) type Sample = (i32, u32, u8);
 
-/// Samples of full resolution: those of the raster, and one column and row more where the root
-/// square has room, so that every cell with a valid sample is in it. All others are void.
+/// Samples of full resolution: those of the raster, and one more column and row if the root square
+/// has room, so that every cell with a valid sample is included. All other samples are void.
 pub(super) struct Full {
     /// Columns and rows of the raster.
     pub raster: (u64, u64),
-    /// Intervals of the root square.
+    /// Intervals along a side of the root square.
     pub side: u64,
-    /// Columns kept.
+    /// Columns that are kept.
     pub columns: usize,
-    /// Rows kept.
+    /// Rows that are kept.
     pub rows: usize,
-    /// How codes become values.
+    /// The coding that turns codes into values.
     pub coding: Coding,
     code: Vec<i32>,
     low: Vec<u32>,
@@ -92,7 +92,7 @@ impl Full {
 
     fn fill_voids(&mut self) {
         for first in (0..self.rows).step_by(FILL_ROWS) {
-            // Fills come from valid samples alone, so that those of the rows before change nothing.
+            // Fills depend on valid samples only, so rows filled before have no effect.
             let fills: Vec<_> = (first..self.rows.min(first + FILL_ROWS))
                 .into_par_iter()
                 .flat_map_iter(|row| (0..self.columns).map(move |column| (column, row)))
@@ -110,7 +110,7 @@ impl Full {
         }
     }
 
-    /// Index of a sample that is kept.
+    /// Index of a sample.
     #[inline]
     pub fn at(&self, column: usize, row: usize) -> usize {
         row * self.columns + column
@@ -122,19 +122,19 @@ impl Full {
         self.state[at] == VALID
     }
 
-    /// Code at an index.
+    /// Code of the sample at an index.
     #[inline]
     pub fn code(&self, at: usize) -> i32 {
         self.code[at]
     }
 
-    /// Value at an index, in value units.
+    /// Value of the sample at an index, in value units.
     #[inline]
     pub fn value(&self, at: usize) -> f64 {
         self.coding.value(self.code[at], self.low.get(at).copied().unwrap_or(0))
     }
 
-    /// Any sample of the root square.
+    /// Any sample of the root square; void beyond the columns and rows that are kept.
     pub fn sample(&self, column: u64, row: u64) -> Sample {
         if column < self.columns as u64 && row < self.rows as u64 {
             let at = self.at(column as usize, row as usize);
@@ -148,9 +148,9 @@ impl Full {
         self.find_fill(column, row).map(|(_, code, low)| (code, low))
     }
 
-    /// The spacing at which a void sample finds valid ones, with the fill.
+    /// The spacing at which a void sample finds valid samples, and its fill.
     fn find_fill(&self, column: u64, row: u64) -> Option<(u64, i32, u32)> {
-        // 0 is divided by every power of two.
+        // 0 is a multiple of every power of two.
         let birth = (column | row | self.side).trailing_zeros();
         (0..=birth).find_map(|log| {
             let s = 1_i64 << log;
@@ -169,9 +169,9 @@ impl Full {
         })
     }
 
-    /// Holds every sample of a tile against the sample it stands for. What its triangles can show
-    /// lies in its height range: that is not so for a fill from farther away than the tile is wide.
-    /// Gives the range of all the others.
+    /// Compares every sample of a tile with the one of full resolution. Returns the range of all
+    /// heights that its triangles can show: fills from farther away than the tile is wide are left
+    /// out, as the tile's height range need not hold them.
     pub fn compare(
         &self,
         header: &Header,
@@ -212,9 +212,9 @@ impl Full {
         hull
     }
 
-    /// True if a void sample that has a fill has it from no farther than `reach` away.
+    /// True if the fill of a void sample comes from a distance of at most `reach`.
     fn is_filled_within(&self, column: u64, row: u64, reach: u64) -> bool {
-        // No fill comes from farther than the birth spacing.
+        // No fill comes from farther away than the spacing at which the sample first appears.
         let birth = (column | row | self.side).trailing_zeros();
         1 << birth <= reach || self.find_fill(column, row).is_some_and(|fill| fill.0 <= reach)
     }

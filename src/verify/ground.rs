@@ -1,10 +1,9 @@
-//! Metres on the ground between points of the lattice, by arithmetic of its own: nothing here is
-//! shared with [`crate::geo`], whose metres the stored errors were measured in, so that the two can
-//! disagree.
+//! Metres on the ground between points of the lattice. Nothing is shared with [`crate::geo`], in
+//! whose metres the stored errors were measured, so that the two can disagree.
 //!
-//! Points are `[column, row]` of the lattice, fractions allowed; samples stand on whole numbers.
-//! The distance of two points is the length of the line between them that is straight in the
-//! raster: on a geographic raster its length on the ellipsoid (specification, section 2).
+//! Points are `[column, row]` of the lattice, fractions allowed; samples stand on integers. The
+//! distance of two points is the length of the straight line between them in the raster; for a
+//! geographic raster, its length on the ellipsoid (specification, section 2).
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -16,7 +15,7 @@ use crate::tile::TileId;
 /// A point of the lattice.
 pub(super) type Point = [f64; 2];
 
-/// Nodes and weights of Gauss's rule of five points on 0..=1.
+/// Nodes and weights of Gauss's five-point rule on 0..=1.
 const GAUSS: [(f64, f64); 5] = [
     (0.046_910_077_030_668, 0.118_463_442_528_094_5),
     (0.230_765_344_947_158_5, 0.239_314_335_249_683_2),
@@ -24,18 +23,18 @@ const GAUSS: [(f64, f64); 5] = [
     (0.769_234_655_052_841_5, 0.239_314_335_249_683_2),
     (0.953_089_922_969_332, 0.118_463_442_528_094_5),
 ];
-/// Latitude, in radians, that one piece of a line crosses at most: the rule is then right to 13
+/// Largest latitude difference, in radians, of one piece of a line: the rule is then exact to 13
 /// digits.
 const PIECE: f64 = 0.05;
 /// Most pieces of a line: pole to pole.
 const PIECES: f64 = 64.0;
-/// Steps of a search by the golden section: the place is found to 10^-3 of its interval, a smooth
-/// minimum to 10^-6.
+/// Steps of a golden-section search: the minimum's place is found to 10^-3 of its interval, the
+/// value of a smooth minimum to 10^-6.
 const STEPS: u32 = 15;
-/// What that may be too large by.
+/// Relative error of a minimum found so, upwards.
 const TOO_LARGE: f64 = 1e-6;
-/// Where scales differ by less, the smallest of them are taken: the true errors are found from
-/// below all the same.
+/// Relative difference of scales below which the smallest is used; the true errors are estimated
+/// from below in any case.
 const SLIGHT: f64 = 3e-4;
 /// Most rows whose scales are kept.
 const MOST_ROWS: u32 = 1 << 20;
@@ -47,18 +46,18 @@ pub(super) struct Scale {
     pub y: f64,
 }
 
-/// Where a lattice lies.
+/// Place and scale of a lattice on the ground.
 #[derive(Clone, Debug)]
 pub(super) struct Ground {
-    /// Terms that a step of a column and a row add to x and y.
+    /// What a step of a column and of a row adds to x and y.
     a: f64,
     b: f64,
     d: f64,
     e: f64,
-    /// Latitude in radians: of sample (0, 0), and what a column and a row add.
+    /// Latitude in radians of sample (0, 0), and what a column and a row add to it.
     latitude: [f64; 3],
     shape: Shape,
-    /// Of the rows from the first on, if all samples of a row have one latitude.
+    /// Scales of the rows from the first on, if all samples of a row have the same latitude.
     of_rows: Vec<Scale>,
 }
 
@@ -66,12 +65,12 @@ pub(super) struct Ground {
 enum Shape {
     /// Metres of a unit, the same everywhere.
     Plane(f64),
-    /// Semi-major axis, square of the eccentricity, radians of a unit.
+    /// Semi-major axis, squared eccentricity, and radians of a unit.
     Ellipsoid(f64, f64, f64),
 }
 
 impl Ground {
-    /// Of a file.
+    /// The ground of a file.
     pub fn of(reader: &Reader) -> Self {
         let [_, a, b, y0, d, e] = reader.header().transform.unwrap_or([0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
         let crs = &reader.metadata().crs;
@@ -82,14 +81,14 @@ impl Ground {
         } else {
             Shape::Plane(crs.unit)
         };
-        // Pixel centres: half a column and half a row from the corner that the geotransform tells
-        // of.
+        // Pixel centres lie half a column and half a row from the corner that the geotransform
+        // gives.
         let first = y0 + 0.5 * d + 0.5 * e;
         let latitude = [first, d, e].map(|term| term * crs.unit);
         Self { a, b, d, e, latitude, shape, of_rows: Vec::new() }
     }
 
-    /// With the scales of its rows at hand, for one who asks often.
+    /// The same ground with the scales of `rows` rows computed in advance.
     pub fn with_rows(mut self, rows: u32) -> Self {
         if self.is_curved() && self.d == 0.0 && rows <= MOST_ROWS {
             let latitude = |row: u32| self.latitude([0.0, f64::from(row)]);
@@ -98,14 +97,15 @@ impl Ground {
         self
     }
 
-    /// A plane of intervals of `dx` by `dy` metres.
+    /// A plane with intervals of `dx` by `dy` metres.
     #[cfg(test)]
     pub fn plane(dx: f64, dy: f64) -> Self {
         let (shape, latitude) = (Shape::Plane(1.0), [0.0; 3]);
         Self { a: dx, b: 0.0, d: 0.0, e: dy, latitude, shape, of_rows: Vec::new() }
     }
 
-    /// Longitude and latitude in degrees, on a sphere or WGS 84: a geotransform of pixel corners.
+    /// Longitudes and latitudes in degrees, on a sphere or WGS 84, with a geotransform of pixel
+    /// corners.
     #[cfg(test)]
     pub fn degrees([_, a, b, y0, d, e]: [f64; 6]) -> Self {
         let unit = 1.0_f64.to_radians();
@@ -120,13 +120,13 @@ impl Ground {
         matches!(self.shape, Shape::Ellipsoid(..))
     }
 
-    /// Latitude in radians; beyond the poles more than a right angle.
+    /// Latitude in radians; beyond a pole it exceeds a right angle.
     fn latitude(&self, [column, row]: Point) -> f64 {
         let [first, per_column, per_row] = self.latitude;
         first + per_column * column + per_row * row
     }
 
-    /// Metres of a unit at a latitude; none beyond the poles, where there is no ground.
+    /// Metres of a unit at a latitude; 0 beyond the poles.
     fn scale_at(&self, latitude: f64) -> Scale {
         match self.shape {
             Shape::Plane(unit) => Scale { x: unit, y: unit },
@@ -142,7 +142,7 @@ impl Ground {
         }
     }
 
-    /// The smallest and the largest metres of a unit among some points and all between them.
+    /// The smallest and the largest scale among some points and all points between them.
     pub fn scales(&self, points: &[Point]) -> (Scale, Scale) {
         if let Shape::Plane(unit) = self.shape {
             let scale = Scale { x: unit, y: unit };
@@ -158,7 +158,7 @@ impl Ground {
         }
         let far = south.abs().max(north.abs());
         let near = if south <= 0.0 && north >= 0.0 { 0.0 } else { south.abs().min(north.abs()) };
-        // Parallels shrink towards the poles, degrees of a meridian grow, and end there.
+        // Parallels shrink and degrees of a meridian grow towards the poles, where both end.
         let (at_near, at_far) = (self.scale_at(near), self.scale_at(far.min(FRAC_PI_2)));
         let most = Scale { x: at_near.x, y: if near > FRAC_PI_2 { 0.0 } else { at_far.y } };
         let least =
@@ -166,7 +166,7 @@ impl Ground {
         (least, most)
     }
 
-    /// [`Ground::scales`] of whole rows about some points, if they are known.
+    /// [`Ground::scales`] of the whole rows around some points, if these have been computed.
     fn scales_of_rows(&self, points: &[Point]) -> Option<(Scale, Scale)> {
         let (mut first, mut last) = (f64::INFINITY, f64::NEG_INFINITY);
         for [_, row] in points {
@@ -178,7 +178,7 @@ impl Ground {
         }
         let (a, b) = (self.of_rows.get(first as usize)?, self.of_rows.get(last as usize)?);
         let [latitude, _, per_row] = self.latitude;
-        // Between the equator and a pole scales grow, or shrink, from row to row.
+        // Between the equator and a pole, scales change monotonically from row to row.
         let ends = (latitude + first * per_row, latitude + last * per_row);
         let one_side = ends.0 * ends.1 > 0.0 && ends.0.abs().max(ends.1.abs()) < FRAC_PI_2;
         one_side.then(|| {
@@ -187,7 +187,7 @@ impl Ground {
         })
     }
 
-    /// A step of columns and rows in metres, at one scale.
+    /// A step of columns and rows in metres, at a fixed scale.
     pub fn flat(&self, [columns, rows]: Point, scale: Scale) -> Point {
         [scale.x * (self.a * columns + self.b * rows), scale.y * (self.d * columns + self.e * rows)]
     }
@@ -214,8 +214,8 @@ impl Ground {
         sum * length
     }
 
-    /// Metres from a point to the nearest point of a segment, if they are less than `than`: not
-    /// more than they are, and less by no more than [`SLIGHT`] of them.
+    /// Metres from a point to the nearest point of a segment, if less than `than`: never too large,
+    /// and too small by at most a share of [`SLIGHT`].
     pub fn to_segment(&self, point: Point, [a, b]: [Point; 2], than: f64) -> Option<f64> {
         let (least, most) = self.scales(&[point, a, b]);
         let flat = |to: Point| self.flat([to[0] - point[0], to[1] - point[1]], least);
@@ -231,8 +231,8 @@ impl Ground {
         Some(found.max(lower)).filter(|&distance| distance < than)
     }
 
-    /// No more metres than from a point to any point of a block: a square of the lattice from
-    /// `[west, north]` to `[east, south]`.
+    /// A lower bound of the metres from a point to any point of a block, the square of the lattice
+    /// from `[west, north]` to `[east, south]`.
     pub fn to_block(&self, point: Point, [west, north]: Point, [east, south]: Point) -> f64 {
         let nearest = [point[0].clamp(west, east), point[1].clamp(north, south)];
         if nearest == point {
@@ -248,8 +248,8 @@ impl Ground {
         sides.fold(f64::INFINITY, f64::min)
     }
 
-    /// No fewer metres than from any point of a block, of half the size `half` about `centre`, to a
-    /// point.
+    /// An upper bound of the metres from any point of a block to point `to`. The block has half the
+    /// size `half` about `centre`.
     pub fn reach(&self, centre: Point, half: f64, to: Point) -> f64 {
         let corner = |x: f64, y: f64| [centre[0] + x * half, centre[1] + y * half];
         let corners = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(-1.0, 1.0), corner(1.0, 1.0)];
@@ -259,8 +259,8 @@ impl Ground {
     }
 
     /// Metres of an interval along a row and along a column of a tile, as metric `paper` and the
-    /// statistics count them: by the largest scales among the tile's samples within the raster,
-    /// times what covers their not being at right angles.
+    /// statistics use them: at the largest scales among the tile's samples in the raster, times a
+    /// factor that covers shear.
     pub fn intervals(&self, header: &Header, id: TileId) -> [f64; 2] {
         let step = f64::from(header.spacing(id.level));
         let span = f64::from(header.tile()) * step;
@@ -278,7 +278,7 @@ impl Ground {
         lengths.map(|length| length * shear)
     }
 
-    /// The longest intervals of columns and rows anywhere among some points.
+    /// The longest intervals of columns and rows among some points.
     #[cfg(test)]
     pub fn longest_intervals(&self, points: &[Point]) -> [f64; 2] {
         let (_, most) = self.scales(points);
@@ -292,7 +292,7 @@ impl Ground {
     }
 }
 
-/// The part of a line, of 0..=1, that lies between the poles.
+/// The part of a line, within 0..=1, that lies between the poles.
 fn between_poles(first: f64, last: f64) -> (f64, f64) {
     if first.abs().max(last.abs()) <= FRAC_PI_2 {
         return (0.0, 1.0);
@@ -319,7 +319,7 @@ fn from_origin(a: Point, b: Point) -> f64 {
     norm([a[0] + along * step[0], a[1] + along * step[1]])
 }
 
-/// The least value of a function on 0..=1 that has one minimum there.
+/// The minimum on 0..=1 of a function with a single minimum there.
 fn least_of(f: impl Fn(f64) -> f64) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_894_8;
     let (mut low, mut high) = (0.0, 1.0);
@@ -345,7 +345,7 @@ fn least_of(f: impl Fn(f64) -> f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// A line cut into very many straight pieces.
+    /// Length of a line as the sum of many straight pieces.
     fn summed(ground: &Ground, from: Point, to: Point) -> f64 {
         const PARTS: u32 = 200_000;
         let step = [(to[0] - from[0]) / f64::from(PARTS), (to[1] - from[1]) / f64::from(PARTS)];
@@ -361,7 +361,7 @@ mod tests {
             let (got, want) = (ground.distance(from, to), summed(&ground, from, to));
             assert!((got / want - 1.0).abs() < 1e-9, "{from:?} {to:?}: {got} {want}");
         }
-        // From beyond one pole to beyond the other: a meridian, for there is no ground farther on.
+        // From beyond one pole to beyond the other: the length is that of a meridian.
         let meridian = ground.distance([0.0, -300.0], [0.0, 2000.0]);
         assert!((meridian - 2.0 * 10_001_965.729).abs() < 0.01, "{meridian}");
         assert_eq!(ground.distance([0.0, -300.0], [50.0, -200.0]), 0.0);
@@ -369,7 +369,7 @@ mod tests {
 
     #[test]
     fn known_arcs() {
-        // A degree of latitude and of longitude at the equator and at 60 degrees, by the tables of
+        // A degree of latitude and of longitude at the equator and at 60 degrees, from tables of
         // the ellipsoid.
         let ground = Ground::degrees([0.0, 1.0, 0.0, 90.5, 0.0, -1.0]);
         let along = |row: f64| ground.distance([0.0, row], [1.0, row]);

@@ -1,9 +1,9 @@
-//! Hints of the format: what a writer may say so that readers can be quicker, and must not be
+//! Checks hints of the format: writers may give them to make readers faster, and they must not be
 //! wrong.
 //!
-//! Bit 0 of a heights chunk ("narrow") lets a reader predict in 32 bits. What a tile decodes to
-//! must not depend on whether it does. (In version 1 of the format it may: readers have to heed the
-//! bit there.)
+//! Bit 0 of a heights chunk ("narrow") lets a reader predict in 32 bits. The decoded tile must not
+//! depend on whether it does. (In version 1 of the format it may: readers must respect the bit
+//! there.)
 
 use super::report::{Check, Place};
 use crate::codec::{Scratch, height};
@@ -16,8 +16,8 @@ use crate::tile::TileId;
 /// Bit 0 of the flags of a heights chunk.
 const NARROW: u8 = 1;
 
-/// Decodes a tile's heights once more as one who ignores the hint; `lattice` is what the reader
-/// made of them.
+/// Decodes a tile's heights once more without the hint and compares them with `lattice`, decoded
+/// with it.
 pub(super) fn check_narrow(
     header: &Header,
     entry: &TileEntry,

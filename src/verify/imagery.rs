@@ -1,5 +1,5 @@
-//! The imagery layer: every chunk under its checksum and in its place, every tile decoded, the
-//! header as the tiles are.
+//! Checks the imagery layer: checksum and place of every chunk, every decoded tile, and the header
+//! against the tiles.
 
 use rayon::prelude::*;
 
@@ -10,11 +10,11 @@ use crate::container::reader::ImageryLayer;
 use crate::error::Result;
 use crate::progress::{Progress, Stage};
 
-/// Tiles between two cancellation checks.
+/// Tiles between checks for cancellation.
 const BATCH: usize = 256;
 
-/// Tiles: they follow one another in storage order, and decode to texels of the size and kind that
-/// the header says.
+/// Checks that tiles follow one another in storage order, and decode to texels of the size and kind
+/// in the header.
 pub(super) fn tiles(layer: &ImageryLayer, options: &VerifyOptions, progress: &dyn Progress) -> Result<Check> {
     let mut check = Check::new("imagery tiles", "tiles", options.keep);
     let mut entries = Vec::new();
@@ -46,7 +46,7 @@ pub(super) fn tiles(layer: &ImageryLayer, options: &VerifyOptions, progress: &dy
     Ok(check)
 }
 
-/// Chunks without gaps, in storage order.
+/// Checks that chunks follow one another in storage order without gaps.
 fn check_places(entries: &[ImageryEntry], check: &mut Check) {
     let mut end = 0;
     for entry in entries {
@@ -57,7 +57,7 @@ fn check_places(entries: &[ImageryEntry], check: &mut Check) {
     }
 }
 
-/// One tile; true if some texel of it is not opaque.
+/// Checks one tile; returns true if it has a texel that is not opaque.
 fn tile(layer: &ImageryLayer, entry: &ImageryEntry, mut check: Check) -> Result<(Check, bool)> {
     check.looked_at = 1;
     let place = Place::tile(entry.id).part("imagery");

@@ -1,8 +1,8 @@
-//! The parts of a file: every section and every index page under its checksum, one after the other
-//! without gaps.
+//! Checks the parts of a file: the checksum of every section and index page, and that they follow
+//! one another without gaps.
 //!
-//! Pages are read here from the file itself, so that bytes of the pages section that no page claims
-//! are found too.
+//! Pages are read from the file itself, so that bytes of the pages section outside all pages are
+//! found too.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -16,8 +16,8 @@ use crate::container::sections::{COVERED, IMAGERY_PAGES, PAGES, ROOT_PAGE, Secti
 use crate::error::{Error, Result};
 use crate::tile::TileId;
 
-/// Sections with a checksum of their own. (Header and section table were checked when the file was
-/// opened.)
+/// Checks sections with a checksum of their own. (Header and section table were checked when the
+/// file was opened.)
 pub(super) fn sections(reader: &Reader, options: &VerifyOptions) -> Result<Check> {
     let mut check = Check::new("sections", "bytes", options.keep);
     for section in reader.sections() {
@@ -29,7 +29,7 @@ pub(super) fn sections(reader: &Reader, options: &VerifyOptions) -> Result<Check
     Ok(check)
 }
 
-/// Index pages: checksums, structure, and that together they fill their section.
+/// Checks the index pages: checksums, structure, and that together they fill their section.
 pub(super) fn pages(reader: &Reader, options: &VerifyOptions) -> Result<Check> {
     let mut check = Check::new("index pages", "pages", options.keep);
     let section = |kind| reader.sections().iter().find(|section| section.kind == kind).copied();
@@ -46,7 +46,7 @@ pub(super) fn pages(reader: &Reader, options: &VerifyOptions) -> Result<Check> {
     Ok(check)
 }
 
-/// Pages of the imagery's index likewise. (Its root page stands in the header and was checked when
+/// Checks the index pages of the imagery. (The root page is part of the header and was checked when
 /// the file was opened.)
 pub(super) fn imagery_pages(reader: &Reader, layer: &ImageryLayer, options: &VerifyOptions) -> Result<Check> {
     let mut check = Check::new("imagery pages", "pages", options.keep);
@@ -73,7 +73,7 @@ impl<'a> Walk<'a> {
         Ok(Self { reader, file, pages, places: Vec::new() })
     }
 
-    /// Reads all pages below one.
+    /// Reads and checks all pages below a page.
     fn below<R: Row>(&mut self, tree: &impl Quadtree, page: &IndexPage<R>, check: &mut Check) -> Result<()> {
         let mut todo = self.refers(page);
         while let Some((id, place)) = todo.pop() {
@@ -86,7 +86,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// The pages that a page refers to, which are noted.
+    /// The pages that a page refers to, whose places are recorded.
     fn refers<R: Row>(&mut self, page: &IndexPage<R>) -> Vec<(TileId, PageRef)> {
         let last = page.root().level + page.depth - 1;
         let rows = page.tiles.iter().filter(|row| row.id().level == last);
@@ -125,7 +125,7 @@ impl<'a> Walk<'a> {
         IndexPage::decode(&bytes, id, tree)
     }
 
-    /// Fails unless the pages follow one another from the start of their section to its end.
+    /// Checks that the pages follow one another from the start of their section to its end.
     fn check_cover(&mut self, section: &str, check: &mut Check) {
         self.places.sort_unstable();
         let mut end = 0;

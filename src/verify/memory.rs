@@ -1,5 +1,5 @@
-//! How much memory a check takes at most, known before a tile is read, and how the source is read
-//! so that it is kept.
+//! Most memory that a check takes, computed before any tile is read, and the way to read the source
+//! within a limit.
 
 use super::VerifyOptions;
 use crate::container::layout::Header;
@@ -8,37 +8,36 @@ use crate::error::Result;
 use crate::pipeline::memory::{Bands, PROGRAM, THREAD, THREAD_SAMPLE, within};
 use crate::source::Source;
 
-/// Bytes of the decoded values of a band without a limit.
+/// Bytes of the decoded values of a band, if there is no limit.
 const BAND_BYTES: u64 = 256 << 20;
 /// Bytes of a decoded value.
 pub(super) const VALUE_BYTES: u64 = size_of::<Option<f64>>() as u64;
-/// A row of tiles is cut into as many bands at most: each decodes its tiles again.
+/// Most bands that a row of tiles is cut into: each decodes its tiles again.
 const MOST_BANDS: u32 = 16;
-/// A band is cut into parts of no fewer columns: each decodes blocks of the source and tiles at its
-/// sides again.
+/// Fewest columns of a part of a band: each part decodes the blocks and tiles at its sides again.
 const LEAST_COLUMNS: u32 = 4096;
 /// Bytes of a border sample.
 const BORDER_SAMPLE: u64 = 12;
-/// Tiles in hand at a time.
+/// Tiles in memory at a time.
 pub(super) const BATCH: usize = 64;
-/// Bytes for the parts of a tile beside what is in them: index row, checks, places.
+/// Bytes for each tile besides its samples: index row, checks, containers.
 const EACH: u64 = 1 << 10;
 /// Bytes of the counts of each level: errors by code, heights by bin.
 const LEVEL: u64 = 256 << 10;
 /// Bytes for each texel of an imagery tile while it is decoded.
 const TEXEL: u64 = 32;
-/// Bytes of an entry of the imagery's index: all of them are sorted.
+/// Bytes of an entry of the imagery's index, which is sorted as a whole.
 const IMAGERY_ENTRY: u64 = 128;
 
-/// How many columns and rows of the source are compared at a time.
+/// Columns and rows of the source that are compared at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Shape {
     pub columns: u32,
     pub rows: u32,
 }
 
-/// How the source is read: in bands as high as a tile, or lower ones if they would be too large, or
-/// also in parts.
+/// The way to read the source: in bands as high as a tile, or lower, or also in parts, as the limit
+/// demands.
 ///
 /// # Errors
 /// [`crate::Error::Usage`] if the reader's limit of memory is not enough.
@@ -72,7 +71,7 @@ pub(super) fn shape(reader: &Reader, source: Option<&dyn Source>, options: &Veri
     Ok(all.last().copied().unwrap_or(whole))
 }
 
-/// Ways to read, from the quickest to that which takes least.
+/// The possible ways to read, from the fastest to the one that takes the least memory.
 fn shapes(header: &Header, bands: &Bands) -> Vec<Shape> {
     let tile = header.tile();
     let widest = bands.columns.max(1) as u32;
@@ -87,7 +86,7 @@ fn shapes(header: &Header, bands: &Bands) -> Vec<Shape> {
     bands.chain(columns.map(|columns| Shape { columns, rows: least })).collect()
 }
 
-/// Bytes that bands of a shape take: values, samples, the tiles that they are made of.
+/// Bytes of the bands: values, samples, and the tiles they are assembled from.
 fn of_bands(header: &Header, bands: &Bands, shape: Shape, threads: usize) -> u64 {
     let (columns, rows) = (u64::from(shape.columns), u64::from(shape.rows).min(header.height.into()));
     let tiles = (columns / u64::from(header.tile()) + 2).min(BATCH as u64);
@@ -104,7 +103,7 @@ fn samples(header: &Header) -> u64 {
     (u64::from(header.tile()) + 1).pow(2)
 }
 
-/// Bytes that everything but the source takes.
+/// Bytes of everything but the source.
 fn fixed(reader: &Reader, options: &VerifyOptions, threads: usize) -> u64 {
     let header = reader.header();
     let (patches, steps) = (u64::from(header.patches()).pow(2), u64::from(header.steps()));
@@ -113,8 +112,8 @@ fn fixed(reader: &Reader, options: &VerifyOptions, threads: usize) -> u64 {
     let (tiles, levels) = (header.tile_count, u64::from(header.levels) + 1);
     let side =
         |samples: u32, level: u8| (u64::from(samples) >> (header.tile_log2 + header.levels - level)) + 1;
-    // Tiles come in storage order: those that wait for a neighbour lie along the edge of what has
-    // come.
+    // Tiles come in storage order, so borders that wait for a neighbour lie along the edge of the
+    // part already read.
     let along = |level: u8| 4 * (side(header.width, level) + side(header.height, level));
     let waiting = (0..=header.levels).map(along).fold(0, u64::saturating_add).min(tiles);
     let batch = tiles.min(BATCH as u64);
@@ -133,9 +132,9 @@ fn fixed(reader: &Reader, options: &VerifyOptions, threads: usize) -> u64 {
     if deep { bytes.saturating_add(of_deep(header, table)) } else { bytes }
 }
 
-/// Bytes that the lattice of full resolution takes: code, low and state of each sample, which cells
-/// are occupied, fills while they are found, the errors of all patches of a few spacings, and the
-/// tables of all tiles with how tight they are.
+/// Bytes of the deep check: code, low and state of each sample of full resolution, occupancy, fills
+/// while they are computed, errors of all patches at a few spacings, and the error tables of all
+/// tiles with their tightness.
 fn of_deep(header: &Header, table: u64) -> u64 {
     let (columns, rows) = (u64::from(header.width) + 1, u64::from(header.height) + 1);
     let (all, patch) = (columns * rows, u64::from(header.patch()).pow(2));

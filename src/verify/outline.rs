@@ -1,10 +1,10 @@
-//! True horizontal displacements: how far misdrawn points are from the outline at full resolution.
+//! True horizontal displacements: distances of misdrawn points from the outline at full resolution.
 //!
-//! A point is misdrawn if it is shown at a step and hidden at full resolution, or the other way
-//! round. The largest distance is estimated from below: distances are exact, in the metres of
-//! [`Ground`], taken at the corners of every misdrawn polygon of every fine triangle, and at all
-//! its points on quarters of an interval. Squares in which nothing can be farther than what is
-//! known are passed over.
+//! A point is misdrawn if it is shown at a step and hidden at full resolution, or the reverse. The
+//! largest distance is estimated from below: distances are exact, in the metres of [`Ground`], but
+//! taken only at the corners of every misdrawn polygon of every fine triangle and at its points on
+//! quarters of an interval. Squares whose upper bound is no more than the largest distance found
+//! are skipped.
 
 use rayon::prelude::*;
 
@@ -13,28 +13,28 @@ use super::ground::{Ground, Point};
 use super::shape::{Cell, Fine, Grid, HAS_VALID, HAS_VOID, MIXED, Occupancy, Polygon};
 use crate::sample::VALID;
 
-/// The outline at full resolution, with the metres to measure it in.
+/// The outline at full resolution, and the ground to measure it on.
 pub(super) struct Outline<'a> {
     full: &'a Full,
     occupancy: &'a Occupancy,
     ground: Ground,
 }
 
-/// The nearest point of the outline that is known so far.
+/// The nearest point of the outline found so far.
 #[derive(Clone, Copy)]
 struct Nearest {
     metres: f64,
-    /// The unit cell that it lies in.
+    /// The unit cell that the point lies in.
     block: [u64; 2],
 }
 
 impl<'a> Outline<'a> {
-    /// Of a lattice.
+    /// The outline of a lattice.
     pub fn new(ground: Ground, full: &'a Full, occupancy: &'a Occupancy) -> Self {
         Self { full, occupancy, ground }
     }
 
-    /// Largest displacement of cells of spacing `2^q` in metres: one number for each square of
+    /// Largest displacements of cells of spacing `2^q`, in metres: one number for each square of
     /// `2^group` intervals, `group >= q`.
     pub fn displacements(&self, q: u32, group: u32) -> Grid {
         let along = |samples: u64| (((samples - 1) >> group) + 1).min(self.full.side >> group) as usize;
@@ -59,8 +59,8 @@ impl<'a> Outline<'a> {
         Grid { columns, values }
     }
 
-    /// The outline at its nearest to a point, or some of it that is `enough` metres away at most.
-    /// `near` is a cell to look at first.
+    /// The nearest point of the outline to a point, or any point of it that is at most `enough`
+    /// metres away. `near` is a cell to search first.
     fn nearest(&self, point: Point, near: [u64; 2], enough: f64) -> Nearest {
         let mut best = Nearest { metres: f64::INFINITY, block: near };
         self.nearest_in(0, near, point, enough, &mut best);
@@ -68,7 +68,7 @@ impl<'a> Outline<'a> {
         best
     }
 
-    /// Improves `best` by the outline in a block, until it is `enough` metres away.
+    /// Improves `best` by the outline in a block, until it is at most `enough` metres away.
     fn nearest_in(&self, log: u32, block: [u64; 2], point: Point, enough: f64, best: &mut Nearest) {
         if best.metres <= enough || self.occupancy.bits(log, block[0], block[1]) != MIXED {
             return;
@@ -99,8 +99,8 @@ impl<'a> Outline<'a> {
         self.ground.to_block(point, start, start.map(|v| v + side))
     }
 
-    /// Pieces of the outline in a unit cell: between the midpoints of the sides of a triangle that
-    /// join unlike samples.
+    /// Segments of the outline in a unit cell: they join the midpoints of those sides of a triangle
+    /// that have one valid and one void end.
     pub fn segments(&self, [x, y]: [u64; 2]) -> impl Iterator<Item = [[f64; 2]; 2]> {
         let valid = self.valid(x, y);
         let cell = Cell::new(1, x, y);
@@ -120,7 +120,7 @@ impl<'a> Outline<'a> {
         })
     }
 
-    /// Which corners of a unit cell are valid.
+    /// Validity of the corners of a unit cell.
     fn valid(&self, x: u64, y: u64) -> [bool; 4] {
         [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].map(|(x, y)| {
             let inside = x < self.full.columns as u64 && y < self.full.rows as u64;
@@ -129,7 +129,7 @@ impl<'a> Outline<'a> {
     }
 }
 
-/// The search for the farthest misdrawn point of one drawn cell.
+/// Search for the farthest misdrawn point of one drawn cell.
 struct Search<'a> {
     outline: &'a Outline<'a>,
     cell: Cell,
@@ -141,7 +141,7 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// Of cell (column, row) of spacing `2^q`; `worst` is what need not be found again.
+    /// A search in cell (column, row) of spacing `2^q` for a displacement above `worst`.
     fn new(outline: &'a Outline<'a>, q: u32, column: u64, row: u64, worst: f64) -> Self {
         let s = 1_u64 << q;
         let valid = [(0, 0), (1, 0), (0, 1), (1, 1)]
@@ -155,19 +155,19 @@ impl<'a> Search<'a> {
         self.worst
     }
 
-    /// North-west corner of a block in quarters from that of the cell.
+    /// North-west corner of a block in quarters of an interval, relative to that of the cell.
     fn origin(&self, log: u32, block: [u64; 2]) -> (i64, i64) {
         let along = |i: usize| 4 * ((block[i] << log) - (self.place[i] << self.q)) as i64;
         (along(0), along(1))
     }
 
-    /// Looks for misdrawn points in a block.
+    /// Searches a block for misdrawn points.
     fn visit(&mut self, log: u32, block: [u64; 2]) {
         let bits = self.outline.occupancy.bits(log, block[0], block[1]);
         let (left, top) = self.origin(log, block);
         let side = 4_i64 << log;
         let corners = [(left, top), (left + side, top), (left, top + side), (left + side, top + side)];
-        // The drawn validity is linear, or linear on both sides of a diagonal of the block.
+        // The drawn validity is linear in the block, or on both sides of its diagonal.
         let shown = corners.map(|point| self.cell.shown(self.cell.triangle(point), self.valid, point));
         let (least, most) = (shown.into_iter().min().unwrap_or(0), shown.into_iter().max().unwrap_or(0));
         if (bits == HAS_VALID && least >= 0) || (bits == HAS_VOID && most <= 0) {
@@ -188,14 +188,14 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// No fewer metres than from any point of a block to the outline: there is a piece of it in the
-    /// cell found last.
+    /// An upper bound of the metres from any point of a block to the outline, by a piece of it in
+    /// the cell found last.
     fn reach(&self, centre: Point, half: f64) -> f64 {
         let segments = self.outline.segments(self.near);
         segments.map(|[end, _]| self.outline.ground.reach(centre, half, end)).fold(f64::INFINITY, f64::min)
     }
 
-    /// Misdrawn polygons of the two fine triangles of a unit cell.
+    /// Measures the misdrawn polygons of the two fine triangles of a unit cell.
     fn visit_unit(&mut self, block: [u64; 2]) {
         let valid = self.outline.valid(block[0], block[1]);
         let origin = self.origin(0, block);
@@ -214,9 +214,9 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Distances of the points of a misdrawn polygon that stand on quarters; its corners are among
-    /// them. Misdrawn is what is shown as drawn and hidden at full resolution, or, with `sign` -1,
-    /// the other way round.
+    /// Measures the distances of a misdrawn polygon's points on quarters of an interval, corners
+    /// included. Misdrawn is what is drawn but hidden at full resolution, or with `sign` -1, the
+    /// reverse.
     fn measure(&mut self, fine: &Fine, valid: [bool; 4], sign: i64, block: [u64; 2]) {
         let under = fine.within(self.cell);
         for (x, y) in (0..5).flat_map(|y| (0..5).map(move |x| (x, y))) {

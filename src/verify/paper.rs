@@ -1,9 +1,8 @@
 //! Metric `paper`, transcribed from Table 4.1 of the dissertation, for all tiles from the leaves to
 //! the root.
 //!
-//! Going to spacing `s` drops every vertex that the coarser lattice lacks. It stood in the middle
-//! of an edge `AB` of that lattice: a side of a cell, or, at the centre of one, either of its
-//! diagonals.
+//! Drawing at spacing `s` drops every vertex that the coarser lattice lacks. Such a vertex is the
+//! middle of an edge `AB` of that lattice: a side of a cell, or at its centre, either diagonal.
 
 use std::collections::HashMap;
 
@@ -19,9 +18,9 @@ use crate::tile::TileId;
 /// Errors of a tile in metres, `[step][patch]`, without quantisation.
 #[derive(Clone, Debug)]
 pub(super) struct Errors {
-    /// Vertical.
+    /// Vertical errors.
     pub vertical: Vec<Vec<f64>>,
-    /// Horizontal.
+    /// Horizontal errors.
     pub horizontal: Vec<Vec<f64>>,
 }
 
@@ -36,8 +35,8 @@ pub(super) fn level(
     ids.par_iter().map(|&id| (id, Tile { reader, full, id, metres }.errors(below))).collect()
 }
 
-/// True if a stored code is that of `metres`, rounded up; arithmetic may have moved `metres` a
-/// little, upwards on purpose.
+/// True if a stored code is that of `metres`, rounded up; writers may have enlarged `metres` a
+/// little to cover rounding.
 pub(super) fn is_code_of(code: u16, metres: f64) -> bool {
     (code_from_metres(metres * (1.0 - 1e-9))..=code_from_metres(metres * (1.0 + 2.5e-9))).contains(&code)
 }
@@ -46,7 +45,7 @@ struct Tile<'a> {
     reader: &'a Reader,
     full: &'a Full,
     id: TileId,
-    /// Metres of one unit of the numbers compared.
+    /// Metres of one unit of the heights.
     metres: f64,
 }
 
@@ -72,7 +71,7 @@ impl Tile<'_> {
         errors
     }
 
-    /// Largest errors over the edges of a patch that spacing `2^step` brings in.
+    /// Largest errors over the edges of a patch that spacing `2^step` introduces.
     fn patch(&self, index: usize, side: usize, step: usize) -> (f64, f64) {
         let patch = u64::from(self.reader.header().patch());
         let (left, top) = ((index % side) as u64 * patch, (index / side) as u64 * patch);
@@ -97,7 +96,8 @@ impl Tile<'_> {
         (vertical * self.metres, horizontal)
     }
 
-    /// Errors of dropping C at `(x, y)` between A and B, `half` intervals away on both sides.
+    /// Errors of dropping C at `(x, y)` between A and B, which lie `half` intervals away on either
+    /// side.
     fn edge(&self, (x, y): (u64, u64), (dx, dy): (i64, i64), half: u64, intervals: [f64; 2]) -> (f64, f64) {
         let header = self.reader.header();
         let step = i64::from(header.spacing(self.id.level));
@@ -124,7 +124,7 @@ impl Tile<'_> {
     }
 }
 
-/// Children's errors at step k + 1 are the parent's at step k.
+/// Takes over the children's errors at step k + 1 as the parent's at step k.
 fn inherit(child: &[Vec<f64>], quadrant: u8, side: usize, errors: &mut [Vec<f64>]) {
     let (right, down) = (usize::from(quadrant & 1) * side, usize::from(quadrant >> 1) * side);
     for (errors, child) in errors.iter_mut().zip(child.iter().skip(1)) {

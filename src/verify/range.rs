@@ -1,20 +1,20 @@
-//! Height ranges of the index (specification, section 6): no wider than the heights that they are
-//! of.
+//! Checks that height ranges of the index (specification, section 6) are no wider than their
+//! heights.
 //!
-//! That a range holds its heights is checked where the heights are. Here it must not hold more: a
-//! renderer that trusts it would draw what it need not, and a picker would look in the wrong place.
-//! A reader cannot tell fills from samples that stand for nothing, so without full resolution all
-//! samples of a tile count.
+//! That a range holds its heights is checked where these are decoded. Here it must not hold more: a
+//! renderer that trusts it would draw too much, and a picker would search in the wrong place. A
+//! reader cannot tell fills from samples without meaning, so all samples of a tile count unless
+//! full resolution is known.
 
 use super::report::{Check, Place};
 use crate::container::directory::TileEntry;
 use crate::container::layout::Header;
 use crate::sample::Lattice;
 
-/// What f64 may lose in making metres of a value.
+/// Relative rounding allowed in converting a value to metres.
 const SLACK: f64 = 1e-15;
 
-/// Lowest and highest of some heights, metres.
+/// Lowest and highest of some heights, in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hull {
     low: f64,
@@ -22,10 +22,10 @@ pub(super) struct Hull {
 }
 
 impl Hull {
-    /// Of no height.
+    /// The hull of no heights.
     pub const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
-    /// Of all samples of a lattice, whether they stand for something or not.
+    /// The hull of all samples of a lattice, with or without meaning.
     pub fn of_all(header: &Header, lattice: &Lattice) -> Self {
         let mut hull = Self::EMPTY;
         if header.coding.has_low() {
@@ -41,7 +41,7 @@ impl Hull {
         hull
     }
 
-    /// Takes in a height. What is no number bounds nothing.
+    /// Adds a height; NaN is ignored.
     pub fn take(&mut self, metres: f64) {
         if metres.is_nan() {
             *self = Self { low: f64::NEG_INFINITY, high: f64::INFINITY };
@@ -49,17 +49,17 @@ impl Hull {
         (self.low, self.high) = (self.low.min(metres), self.high.max(metres));
     }
 
-    /// Takes in another.
+    /// Adds all heights of another hull.
     pub fn join(&mut self, other: Self) {
         (self.low, self.high) = (self.low.min(other.low), self.high.max(other.high));
     }
 
-    /// Takes in the range of a tile below.
+    /// Adds the height range of a child.
     pub fn join_range(&mut self, entry: &TileEntry) {
         self.join(Self { low: entry.min_m.into(), high: entry.max_m.into() });
     }
 
-    /// Fails if the range of a tile is wider.
+    /// Checks that the height range of a tile is no wider than the hull.
     pub fn check(self, entry: &TileEntry, check: &mut Check) {
         let (low, high) = (self.low - SLACK * self.low.abs(), self.high + SLACK * self.high.abs());
         let (least, most) = (down(low), up(high));
@@ -70,13 +70,13 @@ impl Hull {
     }
 }
 
-/// The nearest f32 that is not above a number.
+/// The nearest f32 not above a number.
 fn down(number: f64) -> f32 {
     let near = number as f32;
     if f64::from(near) > number { near.next_down() } else { near }
 }
 
-/// The nearest f32 that is not below a number.
+/// The nearest f32 not below a number.
 fn up(number: f64) -> f32 {
     -down(-number)
 }

@@ -1,4 +1,4 @@
-//! Every sample of the source against what a reader decodes.
+//! Compares every sample of the source with the decoded one.
 
 use std::fmt;
 use std::ops::Range;
@@ -14,7 +14,7 @@ use crate::sample::{Lattice, SampleType, VALID};
 use crate::source::{Rect, Source};
 use crate::tile::TileId;
 
-/// What the header says, then the samples, in bands of at most `shape` within each row of leaf
+/// Compares the header, then the samples, in bands of at most `shape` within each row of leaf
 /// tiles.
 pub(super) fn check(
     reader: &Reader,
@@ -37,15 +37,15 @@ pub(super) fn check(
         // The last row of the raster may be the lower border of the last row of tiles.
         let y = (row / header.tile()).min((1 << header.levels) - 1);
         let south = (u64::from(row) + u64::from(shape.rows)).min(u64::from(header.height)) as u32;
-        // Tiles that the index does not lead to are missing, and found so.
+        // Tiles that the index does not lead to count as missing.
         let tiles = samples.take(reader.row(header.levels, y), Place::default())?.unwrap_or_default();
         let (parts, cut) = pieces(to_compare(header, &tiles, footprint, &(row..south)), shape.columns);
         for columns in parts {
             let band = Band::decode(reader, &columns, (row..south, y), &tiles, &mut samples)?;
             band.compare(source, &rule, &mut samples)?;
             if cut {
-                // What a sweep would keep of each part for the next band is more than there is room
-                // for.
+                // A sweep would keep blocks of each part for the next band, which exceeds the
+                // memory limit.
                 source.release();
             }
         }
@@ -55,7 +55,7 @@ pub(super) fn check(
     Ok(vec![about, samples])
 }
 
-/// Ranges cut into parts of at most `most`; true if some are.
+/// The ranges cut into parts of at most `most`, and true if any was cut.
 fn pieces(ranges: Vec<Range<u32>>, most: u32) -> (Vec<Range<u32>>, bool) {
     let count = ranges.len();
     let step = most.max(1) as usize;
@@ -68,8 +68,8 @@ fn pieces(ranges: Vec<Range<u32>>, most: u32) -> (Vec<Range<u32>>, bool) {
     (cut, is_cut)
 }
 
-/// Columns of samples of some rows where there are tiles, or where the source may have samples:
-/// ascending, apart. All else is void on both sides.
+/// Columns to compare in some rows: those of tiles, and those where the source may have samples;
+/// ascending and disjoint. All other columns are void in both.
 fn to_compare(
     header: &Header,
     tiles: &[u32],
@@ -95,7 +95,7 @@ fn to_compare(
     apart
 }
 
-/// Size, type, georeference and units.
+/// Compares size, type, georeference and units.
 fn check_about(reader: &Reader, source: &dyn Source, keep: usize) -> Check {
     let mut check = Check::new("source header", "fields", keep);
     let (header, info) = (reader.header(), source.info());
@@ -121,7 +121,7 @@ fn check_about(reader: &Reader, source: &dyn Source, keep: usize) -> Check {
     same("pixel is point", point == stored, &point, &stored);
     let (name, stored) = (&info.vertical_unit.1, &reader.metadata().vertical_unit);
     same("name of the vertical unit", name == stored, name, stored);
-    // Another value may have been given to the build (`--nodata`); then the samples decide.
+    // The build may have been given another nodata value (`--nodata`); then the samples decide.
     let given = header.nodata.is_some() || info.nodata.is_none();
     let text =
         |nodata: Option<f64>, kind: SampleType| nodata.map_or("none".to_owned(), |value| kind.text(value));
@@ -130,11 +130,11 @@ fn check_about(reader: &Reader, source: &dyn Source, keep: usize) -> Check {
     check
 }
 
-/// How a decoded value may differ from the source's.
+/// How much a decoded value may differ from the source's.
 struct Rule {
     kind: SampleType,
     nodata: Option<f64>,
-    /// In value units; 0 means bit for bit.
+    /// Largest difference in value units; 0 means bit for bit.
     error: f64,
 }
 
@@ -143,12 +143,12 @@ impl Rule {
         Self { kind, nodata: header.nodata, error: header.quantisation_error }
     }
 
-    /// True if a sample is void for the nodata value: GDAL's comparison, taken from its source
+    /// True if a sample is void by the nodata value: GDAL's comparison as in its source
     /// (`GDALNoDataMaskBand`).
     fn is_nodata(&self, sample: f64) -> bool {
         const ULPS: f32 = 2.0;
         let Some(nodata) = self.nodata else { return false };
-        // Integers are compared as bytes or with 32 bits, after a cast that cuts off.
+        // Integers are compared as bytes or in 32 bits, after a cast that drops the fraction.
         let (low, high) = match self.kind {
             SampleType::Float32 => {
                 let (a, b) = (sample as f32, nodata as f32);
@@ -168,7 +168,7 @@ impl Rule {
         nodata >= low as f64 && nodata <= high as f64 && sample as i64 == nodata as i64
     }
 
-    /// A value as it would be written back to the source's type.
+    /// A value rounded to the source's type.
     fn rounded(&self, value: f64) -> f64 {
         match self.kind {
             SampleType::Float64 => value,
@@ -190,19 +190,19 @@ impl Rule {
     }
 }
 
-/// Rows of the raster as decoded.
+/// Decoded rows of the raster.
 struct Band {
     north: u32,
     south: u32,
     west: u32,
     width: usize,
-    /// `None` where void.
+    /// Values; `None` is void.
     value: Vec<Option<f64>>,
 }
 
 impl Band {
-    /// Puts those of the leaves `tiles` of tile row `y` together that meet `columns`. Where no tile
-    /// is, all is void.
+    /// Assembles the samples in `columns` of the leaves `tiles` of tile row `y`. Where there is no
+    /// tile, all are void.
     fn decode(
         reader: &Reader,
         columns: &Range<u32>,
@@ -232,7 +232,7 @@ impl Band {
 
     fn place(&mut self, header: &Header, id: TileId, lattice: &Lattice) {
         let (left, top) = header.origin(id);
-        // Columns of the raster that both have.
+        // Columns that both the band and the tile have.
         let start = left.max(self.west.into());
         let end = (left + lattice.n as u64 + 1).min(u64::from(self.west) + self.width as u64);
         let columns = end.saturating_sub(start) as usize;

@@ -1,7 +1,8 @@
-//! What a verification found: checks with counts, and the first problems of each with their places.
+//! The result of a verification: checks with counts, and the first problems of each with their
+//! places.
 //!
-//! A finding is data. A check that could not be made says why in its note; it is not a problem by
-//! itself.
+//! Problems are data. A check that could not be made gives the reason in its note; that is not a
+//! problem.
 
 use std::fmt;
 
@@ -10,17 +11,17 @@ use serde::{Serialize, Serializer};
 use crate::error::{Error, Result};
 use crate::tile::TileId;
 
-/// Everything that was checked.
+/// The result of a verification.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct VerifyReport {
     /// The checks in the order in which they were made.
     pub checks: Vec<Check>,
-    /// How close the stored errors are to the true ones; empty unless they were recomputed.
+    /// How close stored errors are to the true ones; empty unless these were recomputed.
     pub tightness: Vec<Tightness>,
 }
 
 impl VerifyReport {
-    /// Problems of all checks.
+    /// Number of problems of all checks.
     pub fn problems(&self) -> u64 {
         self.checks.iter().map(|check| check.problems).sum()
     }
@@ -39,35 +40,34 @@ impl VerifyReport {
 /// One check.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Check {
-    /// Its name: `borders`.
+    /// Name of the check, such as `borders`.
     pub name: &'static str,
-    /// What it counts: `samples`.
+    /// Name of the things that were checked, such as `samples`.
     pub unit: &'static str,
-    /// How many of these it has looked at.
+    /// Number of things checked.
     pub looked_at: u64,
-    /// How many problems it has found.
+    /// Number of problems found.
     pub problems: u64,
-    /// The first of them, at most as many as the options say.
+    /// The first problems, as many as the options allow.
     pub first: Vec<Problem>,
-    /// Why it was not made, or not fully; empty otherwise.
+    /// The reason why it was not made, or not completely; else empty.
     pub note: String,
     #[serde(skip)]
     keep: usize,
 }
 
 impl Check {
-    /// A check that has looked at nothing, and keeps the first `keep` problems.
+    /// A check without any result yet, which keeps the first `keep` problems.
     pub(super) fn new(name: &'static str, unit: &'static str, keep: usize) -> Self {
         Self { name, unit, looked_at: 0, problems: 0, first: Vec::new(), note: String::new(), keep }
     }
 
-    /// A check of the same name for a part of the work; [`Check::join`] takes it back.
+    /// An empty check of the same name, for a part of the work; [`Check::join`] adds its result.
     pub(super) fn part(&self) -> Self {
         Self::new(self.name, self.unit, self.keep)
     }
 
-    /// Adds what was found in a part of the work. Parts joined in a fixed order give a fixed
-    /// report.
+    /// Adds the result of a part of the work. Joining parts in a fixed order gives a fixed report.
     pub(super) fn join(&mut self, part: Self) {
         self.looked_at += part.looked_at;
         self.problems += part.problems;
@@ -75,7 +75,7 @@ impl Check {
         self.first.extend(part.first.into_iter().take(room));
     }
 
-    /// Counts a problem. Its words are made only if they are kept.
+    /// Counts a problem. Its text is made only if it is kept.
     pub(super) fn fail(&mut self, place: Place, expected: impl ToString, got: impl ToString) {
         self.problems += 1;
         if self.first.len() < self.keep {
@@ -83,7 +83,7 @@ impl Check {
         }
     }
 
-    /// Counts a problem unless it is none.
+    /// Counts a problem if `is` is false.
     pub(super) fn demand(
         &mut self,
         is: bool,
@@ -96,7 +96,7 @@ impl Check {
         }
     }
 
-    /// Counts a problem that the file has; passes on those that are not its fault.
+    /// Counts a problem if the error is damage of the file; returns other errors.
     pub(super) fn take<T>(&mut self, result: Result<T>, place: Place) -> Result<Option<T>> {
         match result {
             Ok(value) => Ok(Some(value)),
@@ -117,14 +117,14 @@ impl Check {
     }
 }
 
-/// Something that is not as it should be.
+/// A difference between what a file should have and what it has.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Problem {
-    /// Where.
+    /// Place of the problem.
     pub place: Place,
     /// What should be there.
     pub expected: String,
-    /// What is.
+    /// What is there.
     pub got: String,
 }
 
@@ -139,10 +139,10 @@ impl fmt::Display for Problem {
 /// A place in a file, as exact as it is known.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Place {
-    /// The tile, `tile_id` and `level/x/y` in JSON, where a `tile` is a size.
+    /// The tile; in JSON `tile_id` and `level/x/y`, since `tile` is a size there.
     #[serde(rename = "tile_id", serialize_with = "as_text", skip_serializing_if = "Option::is_none")]
     pub tile: Option<TileId>,
-    /// Column and row of the patch in its tile; a `patch` is a size in JSON.
+    /// Column and row of the patch in its tile; in JSON `patch` is a size.
     #[serde(rename = "patch_place", skip_serializing_if = "Option::is_none")]
     pub patch: Option<[u32; 2]>,
     /// The step.
@@ -151,34 +151,34 @@ pub struct Place {
     /// Column and row of the sample in the lattice of full resolution.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample: Option<[u64; 2]>,
-    /// Anything else: a section, a member, a quantity.
+    /// Another part of the file: a section, a member, a quantity.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub part: String,
 }
 
 impl Place {
-    /// A part of the file as a whole.
+    /// The place of a part of the file.
     pub(super) fn of(part: impl Into<String>) -> Self {
         Self { part: part.into(), ..Self::default() }
     }
 
-    /// A tile.
+    /// The place of a tile.
     pub(super) fn tile(id: TileId) -> Self {
         Self { tile: Some(id), ..Self::default() }
     }
 
-    /// Patch `index` of `side x side` of the tile, at a step.
+    /// The place narrowed to patch `index` of `side x side` patches, at a step.
     pub(super) fn patch(self, index: usize, side: usize, step: usize) -> Self {
         let patch = [(index % side) as u32, (index / side) as u32];
         Self { patch: Some(patch), step: Some(step as u32), ..self }
     }
 
-    /// A sample of the lattice.
+    /// The place narrowed to a sample of the lattice.
     pub(super) fn sample(self, column: u64, row: u64) -> Self {
         Self { sample: Some([column, row]), ..self }
     }
 
-    /// With a part named.
+    /// The place with a part named.
     pub(super) fn part(self, part: impl Into<String>) -> Self {
         let mut part = part.into();
         // An error that names the tile itself need not name it twice.
@@ -212,38 +212,38 @@ fn as_text<S: Serializer>(id: &Option<TileId>, serializer: S) -> Result<S::Ok, S
     }
 }
 
-/// Stored errors over true ones, of one level and step.
+/// Ratios of stored to true errors, of one level and step.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Tightness {
     /// The level.
     pub level: u8,
     /// The step.
     pub step: u32,
-    /// Vertical errors.
+    /// Ratios of vertical errors.
     pub vertical: Option<Ratios>,
-    /// Horizontal errors. The true one is estimated from below, to about half a sample.
+    /// Ratios of horizontal errors. The true error is estimated from below, to about half a sample.
     pub horizontal: Option<Ratios>,
 }
 
-/// A distribution of stored / true, over the patches whose true error is not small: above 1/256 of
-/// the largest of the level and step. Since errors are monotone, the true one is taken as the
-/// largest of this and all finer steps. Percentiles by nearest rank.
+/// Distribution of the ratios of stored to true errors. Only patches count whose true error is
+/// above 1/256 of the largest of the level and step. Since errors are monotone, the true error is
+/// the largest of this and all finer steps. Percentiles are by nearest rank.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Ratios {
-    /// Patches counted.
+    /// Number of patches.
     pub patches: u64,
-    /// Least.
+    /// Minimum.
     pub min: f64,
-    /// Middle.
+    /// Median.
     pub median: f64,
     /// 99th percentile.
     pub p99: f64,
-    /// Largest.
+    /// Maximum.
     pub max: f64,
 }
 
 impl Ratios {
-    /// Of stored / true; `None` if there are none.
+    /// The distribution of some ratios; `None` if there are none.
     pub(super) fn of(ratios: &[f32]) -> Option<Self> {
         let mut ratios: Vec<f64> = ratios.iter().copied().map(f64::from).collect();
         ratios.sort_unstable_by(f64::total_cmp);

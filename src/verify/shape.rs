@@ -1,28 +1,29 @@
-//! Geometry of drawn and full surfaces in whole numbers.
+//! Integer geometry of drawn surfaces and of the surface of full resolution.
 //!
-//! Within a cell everything is counted in quarters of a sample interval. There all corners of what
-//! is shown or hidden have whole coordinates: fine outlines run between midpoints of edges, drawn
-//! ones too, and where both cross within a fine triangle (at twice its spacing only) they halve
-//! such pieces once more.
+//! Within a cell, coordinates are quarters of a sample interval. Then all corners of shown and
+//! hidden parts are integers: outlines, fine and drawn, join midpoints of edges, and where a fine
+//! and a drawn one cross within a fine triangle (only at twice its spacing) they halve such pieces
+//! once more.
 
 use super::full::Full;
 
-/// Bit of a block: it has a valid sample.
+/// Bit of a block that has a valid sample.
 pub(super) const HAS_VALID: u8 = 1;
-/// Bit of a block: it has a void sample.
+/// Bit of a block that has a void sample.
 pub(super) const HAS_VOID: u8 = 2;
-/// Both: the outline runs through it.
+/// Both bits: the outline runs through the block.
 pub(super) const MIXED: u8 = HAS_VALID | HAS_VOID;
 
-/// A point in quarters of an interval, from the north-west corner of a drawn cell.
+/// A point in quarters of an interval, relative to the north-west corner of a drawn cell.
 pub(super) type Point = (i64, i64);
 
-/// A cell that is drawn as two triangles.
+/// A cell drawn as two triangles.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cell {
-    /// Its side in quarters of an interval: `4 s`.
+    /// Side in quarters of an interval: `4 s`.
     pub side: i64,
-    /// Diagonal from north-west to south-east; else from north-east to south-west.
+    /// True if the diagonal runs from north-west to south-east, false if from north-east to
+    /// south-west.
     pub falling: bool,
 }
 
@@ -32,8 +33,8 @@ impl Cell {
         Self { side: 4 * s as i64, falling: (column + row).is_multiple_of(2) }
     }
 
-    /// Corners (0 north-west, 1 north-east, 2 south-west, 3 south-east) of a triangle; triangle 0
-    /// holds the north-east one (falling) or the north-west one.
+    /// Corners (0 north-west, 1 north-east, 2 south-west, 3 south-east) of a triangle. Triangle 0
+    /// holds the north-east corner if falling, else the north-west one.
     pub fn corners(self, triangle: usize) -> [usize; 3] {
         match (self.falling, triangle) {
             (true, 0) => [0, 1, 3],
@@ -43,13 +44,13 @@ impl Cell {
         }
     }
 
-    /// The triangle that holds a point; on the diagonal, either.
+    /// The triangle that a point lies in; on the diagonal, either.
     pub fn triangle(self, (x, y): Point) -> usize {
         let first = if self.falling { x >= y } else { x + y <= self.side };
         usize::from(!first)
     }
 
-    /// Weights of the corners at a point, as the triangle says; their sum is `side`.
+    /// Weights of the four corners at a point of a triangle; they add up to `side`.
     pub fn weights(self, triangle: usize, (x, y): Point) -> [i64; 4] {
         let q = self.side;
         match (self.falling, triangle) {
@@ -60,8 +61,8 @@ impl Cell {
         }
     }
 
-    /// How much more than half valid a point is: positive where the surface is shown, 0 on its
-    /// outline.
+    /// Excess of the validity at a point over one half: positive where the surface is shown, 0 on
+    /// the outline.
     pub fn shown(self, triangle: usize, valid: [bool; 4], point: Point) -> i64 {
         let weights = self.weights(triangle, point);
         let sum: i64 =
@@ -70,19 +71,19 @@ impl Cell {
     }
 }
 
-/// Triangle `part` of the unit cell at `(x, y)` of a drawn cell, in the drawn cell's coordinates.
+/// Triangle `part` of the unit cell at `(x, y)` of a drawn cell, in coordinates of the drawn cell.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fine {
-    /// The unit cell, by the parity of the whole lattice.
+    /// The unit cell, with the diagonal that its place in the lattice gives.
     pub cell: Cell,
-    /// Which of its triangles.
+    /// Index of the triangle in its cell.
     pub part: usize,
-    /// Its north-west corner.
+    /// North-west corner of the unit cell.
     pub origin: Point,
 }
 
 impl Fine {
-    /// Its corners.
+    /// Corners of the triangle.
     pub fn points(&self) -> [Point; 3] {
         let place = |corner: usize| {
             (self.origin.0 + 4 * (corner & 1) as i64, self.origin.1 + 4 * (corner >> 1) as i64)
@@ -90,18 +91,18 @@ impl Fine {
         self.cell.corners(self.part).map(place)
     }
 
-    /// The triangle of a larger cell that it lies in.
+    /// The triangle of a larger cell that this one lies in.
     pub fn within(&self, cell: Cell) -> usize {
         let (x, y) = self.points().iter().fold((0, 0), |sum, p| (sum.0 + p.0, sum.1 + p.1));
         Cell { side: 3 * cell.side, ..cell }.triangle((x, y))
     }
 
-    /// As [`Cell::shown`], of its own surface.
+    /// [`Cell::shown`] of the fine surface.
     pub fn shown(&self, valid: [bool; 4], point: Point) -> i64 {
         self.cell.shown(self.part, valid, self.own(point))
     }
 
-    /// A point in the coordinates of its own cell.
+    /// A point in coordinates of the unit cell.
     pub fn own(&self, point: Point) -> Point {
         (point.0 - self.origin.0, point.1 - self.origin.1)
     }
@@ -122,12 +123,12 @@ impl Polygon {
         Self { points, count: 3 }
     }
 
-    /// Its corners.
+    /// Corners of the polygon.
     pub fn points(&self) -> &[Point] {
         &self.points[..self.count]
     }
 
-    /// Its part where a linear function is not negative.
+    /// The part of the polygon where a linear function is not negative.
     #[must_use]
     pub fn clip(&self, keep: impl Fn(Point) -> i64) -> Self {
         let mut out = Self { points: [(0, 0); 8], count: 0 };
@@ -155,7 +156,7 @@ impl Polygon {
         }
     }
 
-    /// Twice its area.
+    /// Twice the area of the polygon.
     pub fn area(&self) -> i64 {
         let next = |i: usize| self.points[(i + 1) % self.count];
         let cross = |(i, a): (usize, &Point)| a.0 * next(i).1 - next(i).0 * a.1;
@@ -163,15 +164,15 @@ impl Polygon {
     }
 }
 
-/// Which blocks of unit cells have valid and void samples, for blocks of 1, 2, 4 .. cells up to the
-/// root square. A block is closed.
+/// Which blocks of 1, 2, 4 .. unit cells, up to the root square, have valid and void samples. A
+/// block includes its border.
 pub(super) struct Occupancy {
-    /// Columns, rows and bits of each size.
+    /// Columns, rows and bits for each block size.
     sizes: Vec<(usize, usize, Vec<u8>)>,
 }
 
 impl Occupancy {
-    /// Of the lattice of full resolution.
+    /// The occupancy of the lattice of full resolution.
     pub fn of(full: &Full) -> Self {
         let (columns, rows) = (full.columns - 1, full.rows - 1);
         let mut bits = Vec::with_capacity(columns * rows);
@@ -203,7 +204,7 @@ impl Occupancy {
         self.sizes.push((width, height, bits));
     }
 
-    /// Bits of block `(x, y)` of `2^log` unit cells; void where there is nothing.
+    /// Bits of block `(x, y)` of `2^log` unit cells; void beyond the lattice.
     #[inline]
     pub fn bits(&self, log: u32, x: u64, y: u64) -> u8 {
         let Some((columns, rows, bits)) = self.sizes.get(log as usize) else { return HAS_VOID };
@@ -214,13 +215,13 @@ impl Occupancy {
         }
     }
 
-    /// Binary logarithm of the largest block: the root square.
+    /// Binary logarithm of the largest block, the root square.
     pub fn top(&self) -> u32 {
         self.sizes.len() as u32 - 1
     }
 }
 
-/// A grid of numbers; beyond it they are 0.
+/// A grid of numbers, which are 0 beyond its bounds.
 #[derive(Clone, Debug)]
 pub(super) struct Grid {
     /// Columns.
@@ -230,19 +231,19 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// The number at a place.
+    /// The number in a column and row.
     pub fn get(&self, x: usize, y: usize) -> f64 {
         if x < self.columns { self.values.get(y * self.columns + x).copied().unwrap_or(0.0) } else { 0.0 }
     }
 
-    /// The larger of every two numbers of grids of one size.
+    /// The larger number at each place of two grids of the same size.
     #[must_use]
     pub fn larger(&self, other: &Self) -> Self {
         let values = self.values.iter().zip(&other.values).map(|(a, b)| a.max(*b)).collect();
         Self { columns: self.columns, values }
     }
 
-    /// The largest of every 2 x 2.
+    /// A grid of half the size with the largest of every 2 x 2 numbers.
     #[must_use]
     pub fn halved(&self) -> Self {
         let rows = self.values.len() / self.columns.max(1);

@@ -1,4 +1,4 @@
-//! The statistics and the level notes of a file, counted again.
+//! Recounts the statistics and the level notes of a file.
 
 use std::collections::BTreeMap;
 
@@ -12,15 +12,15 @@ use crate::container::reader::Reader;
 use crate::error::Result;
 use crate::error_code::metres_from_code;
 
-/// Sums in f64 may be taken in another order.
+/// Relative difference allowed because f64 sums were taken in another order.
 const SLACK: f64 = 1e-9;
-/// Writers round spacings up by what their own arithmetic can be off by.
+/// Relative amount by which writers may round spacings up, to cover their own rounding.
 const ROUNDED_UP: f64 = 1.5e-9;
-/// Metres that a spacing may be off by: at a pole the rounding of a right angle is all that is left
-/// of a parallel.
+/// Metres that a spacing may be off by: at a pole, a parallel's length is nothing but the rounding
+/// of a right angle.
 const SLACK_M: f64 = 1e-6;
 
-/// What was counted, by level.
+/// Counts by level.
 pub(super) struct Recount {
     levels: Vec<Level>,
 }
@@ -35,12 +35,12 @@ struct Level {
     spacing_m: (f64, f64),
     /// Largest vertical and horizontal error codes of the tiles at step 0.
     largest: [u16; 2],
-    /// For each step how many patches have a code: vertical, horizontal.
+    /// For each step, the number of patches with each code: vertical, horizontal.
     codes: Vec<[BTreeMap<u16, u64>; 2]>,
 }
 
 impl Recount {
-    /// Nothing yet.
+    /// Empty counts for a file.
     pub fn new(header: &Header) -> Self {
         let steps = header.steps() as usize;
         let level = || Level { codes: vec![<_>::default(); steps], ..Level::default() };
@@ -70,7 +70,7 @@ impl Recount {
         level.largest = [level.largest[0].max(entry.vertical), level.largest[1].max(entry.horizontal)];
     }
 
-    /// Counts the errors of the patches with a valid sample in or below them.
+    /// Counts the errors of patches that have a valid sample on or below them.
     pub fn add_errors(&mut self, entry: &TileEntry, table: &ErrorTable, occupied: &[bool]) {
         let level = &mut self.levels[usize::from(entry.id.level)];
         for (plane, name) in [&table.vertical, &table.horizontal].into_iter().zip(0..2) {
@@ -82,8 +82,8 @@ impl Recount {
         }
     }
 
-    /// Holds the count against what the file says. If not all tiles could be read there is nothing
-    /// to compare.
+    /// Compares the counts with the file's. They are incomplete, and not compared, unless all tiles
+    /// could be read.
     pub fn check(&self, reader: &Reader, whole: bool, keep: usize) -> Result<Check> {
         let mut check = Check::new("statistics", "numbers", keep);
         if !whole {
@@ -200,16 +200,16 @@ fn compare_errors(place: &str, counts: &BTreeMap<u16, u64>, stored: &ErrorStatis
     }
 }
 
-/// The bins of a histogram that are not empty.
+/// The non-empty bins of a histogram, as text.
 fn words(bins: &[(u16, u64)]) -> String {
     let bins: Vec<String> = bins.iter().map(|(bin, count)| format!("{count} in bin {bin}")).collect();
     if bins.is_empty() { "no bins".into() } else { bins.join(", ") }
 }
 
-/// Two numbers that should be one; NaN stands for a number that is not there.
+/// Checks that two numbers are equal; NaN stands for a missing one.
 fn same(check: &mut Check, place: &str, name: &str, expected: f64, got: f64) {
     check.looked_at += 1;
-    // What is infinite is near to nothing but itself.
+    // An infinite number is close only to itself.
     let largest = expected.abs().max(got.abs());
     let near = largest.is_finite() && (expected - got).abs() <= SLACK * largest;
     let is = expected == got || near || (expected.is_nan() && got.is_nan());

@@ -1,4 +1,4 @@
-//! Error tables: against the index, within themselves, and against those of the tiles above.
+//! Checks error tables: against the index, within themselves, and against those of the parents.
 
 use super::report::{Check, Place};
 use crate::codec::table::ErrorTable;
@@ -8,13 +8,13 @@ use crate::error_code::{MAX_CODE, code_from_metres, metres_from_code};
 use crate::sample::{Lattice, VALID};
 use crate::tile::TileId;
 
-/// The parent's patch that holds patch `patch` of a tile of `side x side`.
+/// The parent's patch that contains patch `patch` of a tile of `side x side` patches.
 pub(super) fn above(id: TileId, patch: usize, side: usize) -> usize {
     let place = |index: usize, bit: u32| ((bit & 1) as usize * side + index) / 2;
     place(patch / side, id.y) * side + place(patch % side, id.x)
 }
 
-/// The bits that say which patches can be drawn.
+/// Checks the bits of drawable patches.
 pub(super) fn check_drawable(
     header: &Header,
     entry: &TileEntry,
@@ -36,7 +36,7 @@ pub(super) fn check_drawable(
     }
 }
 
-/// The index row's errors: the largest of the patches at step 0.
+/// Checks the errors in the index row: they are the largest of the patches at step 0.
 pub(super) fn check_index(entry: &TileEntry, table: &ErrorTable, check: &mut Check) {
     let patches = table.patches * table.patches;
     for (name, plane, stored) in [
@@ -49,10 +49,10 @@ pub(super) fn check_index(entry: &TileEntry, table: &ErrorTable, check: &mut Che
     }
 }
 
-/// Errors that never shrink with the step; those of a leaf's step 0.
+/// Checks that errors never shrink with the step, and those of a leaf at step 0.
 pub(super) fn check_table(entry: &TileEntry, table: &ErrorTable, header: &Header, check: &mut Check) {
     let patches = table.patches * table.patches;
-    // At step 0 a leaf is its own surface: only quantisation is left.
+    // At step 0 a leaf draws its own samples: only quantisation errors remain.
     let quantisation = header.quantisation_error * header.band_scale.abs() * header.unit_metres;
     let rounded = |slack: f64| code_from_metres(quantisation * (1.0 + slack));
     for (name, plane, least, most) in [
@@ -75,7 +75,7 @@ pub(super) fn check_table(entry: &TileEntry, table: &ErrorTable, header: &Header
     }
 }
 
-/// A parent's errors at step k are not below its children's at step k + 1.
+/// Checks that a parent's errors at step k are not below its children's at step k + 1.
 pub(super) fn check_parent(
     parent: TileId,
     over: &ErrorTable,

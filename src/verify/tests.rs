@@ -1,4 +1,4 @@
-//! The brute force against something more brutish still: surfaces evaluated point by point.
+//! Compares the brute force with surfaces evaluated point by point.
 
 use proptest::prelude::*;
 
@@ -9,7 +9,7 @@ use super::shape::Occupancy;
 use super::vertical::Surfaces;
 use crate::sample::{VALID, VOID};
 
-/// Validity and height of the surface drawn at spacing `s`, straight from section 2 of the
+/// Validity and height of the surface drawn at spacing `s`, directly by section 2 of the
 /// specification.
 fn surface(full: &Full, s: u64, x: f64, y: f64) -> (f64, f64) {
     let last = full.side / s - 1;
@@ -39,7 +39,7 @@ fn points(q: u32, column: u64, row: u64) -> impl Iterator<Item = (f64, f64)> {
     (0..=4 * s).flat_map(move |j| (0..=4 * s).map(move |i| (along(column, i), along(row, j))))
 }
 
-/// A lattice within a root square of `2^log` intervals.
+/// Lattices within root squares of `2^log` intervals.
 fn lattices(logs: std::ops::RangeInclusive<u32>) -> impl Strategy<Value = Full> {
     logs.prop_flat_map(|log| {
         let side = 1_u64 << log;
@@ -111,7 +111,7 @@ fn displacements(full: &Full, ground: Ground) -> Result<(), TestCaseError> {
                     worst = worst.max(nearest);
                 }
             }
-            // The search looks at the edges of what is misdrawn too.
+            // The search also examines the edges of misdrawn areas.
             let [dx, dy] = ground.longest_intervals(&[[0.0, 0.0], [full.side as f64; 2]]);
             let step = 0.2501 * if ground.is_sheared() { dx + dy } else { dx.hypot(dy) };
             prop_assert!(displacement >= worst * (1.0 - 1e-9), "{q} {column},{row}: {displacement} {worst}");

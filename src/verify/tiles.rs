@@ -1,8 +1,8 @@
-//! Tile by tile, as the index is walked: chunks, flags, error tables, shared borders, and what
-//! parents owe their children.
+//! Checks tile by tile in the order of the index: chunks, flags, error tables, shared borders, and
+//! bounds of parents over their children.
 //!
-//! Memory is what a batch of tiles and the borders in waiting take, whatever the size of the file;
-//! only with `deep` the error tables are kept.
+//! Memory holds a batch of tiles and the borders that wait for neighbours, whatever the size of the
+//! file; `deep` also keeps the error tables.
 
 use std::collections::BTreeMap;
 
@@ -26,40 +26,41 @@ use crate::tile::TileId;
 /// Tiles decoded at a time.
 const BATCH: usize = 64;
 
-/// Index rows and error tables of the tiles, for what comes after.
+/// Index rows and error tables of the tiles, for later checks.
 #[derive(Default)]
 pub(super) struct Tables {
-    /// By tile; empty unless they were asked for.
+    /// Entries by tile; empty unless requested.
     pub by_tile: BTreeMap<TileId, (TileEntry, ErrorTable)>,
     /// True if every tile could be read.
     pub whole: bool,
 }
 
-/// What is found in one tile, by any thread.
+/// The result of inspecting one tile, on any thread.
 struct Inspected {
     entry: TileEntry,
     table: Option<ErrorTable>,
     border: Option<Border>,
-    /// Valid samples that no other tile counts, and the range of all of them in metres.
+    /// Number of valid samples that no other tile counts, and the range of all valid samples in
+    /// metres.
     valid: u64,
     range_m: Option<(f64, f64)>,
-    /// Of all its samples; `None` if they could not be decoded.
+    /// Hull of all samples; `None` if they could not be decoded.
     hull: Option<Hull>,
     chunks: Check,
     structure: Check,
 }
 
-/// A tile on the way from the root to the one being looked at.
+/// A tile on the path from the root to the current one.
 struct Node {
     entry: TileEntry,
     table: Option<ErrorTable>,
-    /// Patches with a valid sample in or below them.
+    /// For each patch, whether a valid sample lies on or below it.
     occupied: Vec<bool>,
-    /// Of its own samples, and of what the index says of its children.
+    /// Hull of its own samples and of its children's ranges in the index.
     hull: Option<Hull>,
 }
 
-/// Walks the file. Gives the checks in the order of the report.
+/// Checks all tiles; returns the checks in report order.
 pub(super) fn check(
     reader: &Reader,
     options: &VerifyOptions,
@@ -87,11 +88,11 @@ struct Walk<'a> {
     batch: Vec<TileEntry>,
     done: u64,
     tables: Tables,
-    /// Nodes from the root to the tile looked at last.
+    /// Nodes from the root to the last tile.
     path: Vec<Node>,
     borders: Borders<'a>,
     recount: Recount,
-    /// First and end of the chunks of each level, from the start of the tiles section.
+    /// First and end offset of each level's chunks, from the start of the tiles section.
     runs: Vec<Option<(u64, u64)>>,
     index: Check,
     chunks: Check,
@@ -121,8 +122,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Looks at the tiles of the batch: in parallel as far as each is on its own, then in their
-    /// order.
+    /// Checks the tiles of the batch: in parallel where tiles are independent, then in order.
     fn work_off(&mut self) -> Result<()> {
         let batch = std::mem::take(&mut self.batch);
         let (reader, keep) = (self.reader, self.keep);
@@ -179,7 +179,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// All below the last tile of the path was seen.
+    /// Finishes the last tile of the path, all of whose descendants were checked.
     fn leave(&mut self) {
         let Some(node) = self.path.pop() else { return };
         if let Some(table) = &node.table {
@@ -195,7 +195,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Chunks stand level by level, within a level in the order of the walk.
+    /// Checks that chunks are stored level by level, and within a level in the order of the index.
     fn check_order(&mut self, entry: &TileEntry) {
         let (start, length) = (entry.chunks.offset, entry.chunks.bytes());
         let run = &mut self.runs[usize::from(entry.id.level)];
@@ -230,7 +230,7 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// Reads and decodes a tile, and checks what needs no other.
+/// Reads and decodes a tile, and makes the checks that need no other tile.
 fn inspect(reader: &Reader, entry: TileEntry, keep: usize) -> Result<Inspected> {
     let mut chunks = Check::new("chunks", "bytes", keep);
     let mut structure = Check::new("tiles", "tiles", keep);
@@ -249,7 +249,7 @@ fn inspect(reader: &Reader, entry: TileEntry, keep: usize) -> Result<Inspected> 
     if sound {
         table = chunks.take(reader.read_errors(entry.id), place.clone())?;
         lattice = match reader.read_tile(entry.id) {
-            // A damaged ancestor is reported where it stands.
+            // Damage of an ancestor is reported with the ancestor.
             Err(Error::Format { place, .. }) if !place.starts_with(&format!("tile {}, ", entry.id)) => None,
             read => chunks.take(read, place)?,
         };
@@ -273,8 +273,8 @@ fn inspect(reader: &Reader, entry: TileEntry, keep: usize) -> Result<Inspected> 
     Ok(Inspected { entry, table, border, valid, range_m, hull, chunks, structure })
 }
 
-/// Valid samples that belong to this tile alone (shared ones belong to the tile that begins with
-/// them), and the range of all.
+/// Number of valid samples that this tile owns (shared ones are owned by the tile they begin), and
+/// the range of all its valid samples.
 fn census(header: &Header, id: TileId, lattice: &Lattice) -> (u64, Option<(f64, f64)>) {
     let last = (1_u32 << id.level) - 1;
     let (columns, rows) = (lattice.n + usize::from(id.x == last), lattice.n + usize::from(id.y == last));
@@ -289,7 +289,7 @@ fn census(header: &Header, id: TileId, lattice: &Lattice) -> (u64, Option<(f64, 
     (valid, range)
 }
 
-/// Existence, flags and the height range of a tile against its samples.
+/// Checks existence, flags and the height range of a tile against its samples.
 fn check_lattice(
     header: &Header,
     entry: &TileEntry,

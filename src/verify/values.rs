@@ -1,12 +1,12 @@
-//! Decoded values against what the header says of the source: an export must be able to write each
-//! of them, and read it back as valid.
+//! Checks decoded values against the source type and nodata value in the header: an export must
+//! write each of them so that it reads back as valid.
 
 use super::report::{Check, Place};
 use crate::container::directory::TileEntry;
 use crate::container::layout::Header;
 use crate::sample::{Lattice, SampleType, VALID};
 
-/// Valid samples of a tile: finite, within the source's type, and not its void value.
+/// Checks that valid samples of a tile are finite, within the source's type, and not void in it.
 pub(super) fn check(header: &Header, entry: &TileEntry, lattice: &Lattice, check: &mut Check) {
     let rule = Rule::of(header);
     if !rule.is_needed(header, lattice) {
@@ -27,7 +27,7 @@ pub(super) fn check(header: &Header, entry: &TileEntry, lattice: &Lattice, check
 struct Rule {
     /// Smallest and largest value of the source's type.
     range: (f64, f64),
-    /// The void value as the source's type has it; `None` where rounding may meet it.
+    /// The nodata value rounded to the source's type; `None` if rounding alone may meet it.
     nodata: Option<f64>,
     half: f64,
 }
@@ -54,7 +54,7 @@ impl Rule {
         Self { range, nodata, half: header.quantisation_error }
     }
 
-    /// False if the extreme codes of a tile show that nothing can be wrong.
+    /// False if the extreme codes of a tile show that all values are good.
     fn is_needed(&self, header: &Header, lattice: &Lattice) -> bool {
         if header.coding.has_low() {
             return true;
@@ -69,7 +69,7 @@ impl Rule {
         may_be_void || [a, b].into_iter().any(|value| self.broken(header, value).is_some())
     }
 
-    /// What a value should be, if it is not.
+    /// What a value should be, or `None` if it is good.
     fn broken(&self, header: &Header, value: f64) -> Option<String> {
         if !header.metres(value).is_finite() {
             return Some("a finite height".to_owned());

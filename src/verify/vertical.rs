@@ -1,8 +1,8 @@
 //! True vertical deviations by brute force: every fine triangle against the triangle drawn over it.
 //!
 //! Drawn triangles are unions of fine ones, so the difference of the two surfaces is linear on each
-//! fine triangle, and largest at a corner of its part that is shown on both. Integer codes are
-//! compared without any rounding.
+//! fine triangle, and largest at a corner of the part shown on both. Integer codes are compared
+//! without rounding.
 
 use std::ops::{Add, Sub};
 
@@ -12,7 +12,7 @@ use super::full::Full;
 use super::shape::{Cell, Fine, Grid, HAS_VALID, HAS_VOID, Occupancy, Polygon};
 use crate::sample::Coding;
 
-/// A number that heights are compared in.
+/// A number type in which heights are compared.
 trait Number: Copy + PartialOrd + Add<Output = Self> + Sub<Output = Self> + Default {
     fn times(self, factor: i64) -> Self;
     fn magnitude(self) -> f64;
@@ -45,25 +45,25 @@ impl Number for f64 {
     }
 }
 
-/// The surfaces that are compared.
+/// The surfaces to compare.
 pub(super) struct Surfaces<'a> {
     full: &'a Full,
     occupancy: &'a Occupancy,
-    /// Float heights are multiplied by this power of two, so that nothing overflows.
+    /// Power of two that float heights are multiplied by, so that nothing overflows.
     shrink: f64,
 }
 
 impl<'a> Surfaces<'a> {
-    /// Of a lattice.
+    /// The surfaces of a lattice.
     pub fn new(full: &'a Full, occupancy: &'a Occupancy) -> Self {
         let count = if full.coding.has_low() { full.columns * full.rows } else { 0 };
         let largest = (0..count).map(|at| full.value(at).abs()).filter(|v| v.is_finite()).fold(0.0, f64::max);
         Self { full, occupancy, shrink: if largest > 1e200 { 0.5_f64.powi(100) } else { 1.0 } }
     }
 
-    /// Largest deviation of cells of spacing `2^q`, in numbers (codes of integers, values of
-    /// floats): one number for each square of `2^group` intervals, `group >= q`. For floats it is
-    /// rounded down by more than arithmetic may have lost.
+    /// Largest deviations of cells of spacing `2^q`, in codes of integers or values of floats: one
+    /// number for each square of `2^group` intervals, `group >= q`. For floats it is rounded down
+    /// by more than the rounding error.
     pub fn deviations(&self, q: u32, group: u32) -> Grid {
         let along = |samples: u64| (((samples - 1) >> group) + 1).min(self.full.side >> group) as usize;
         let (columns, rows) = (along(self.full.raster.0), along(self.full.raster.1));
@@ -112,7 +112,7 @@ struct Drawn {
     /// Spacing.
     s: i64,
     cell: Cell,
-    /// Sample of its north-west corner.
+    /// Column of its north-west corner.
     left: u64,
     top: u64,
     codes: [i32; 4],
@@ -136,13 +136,13 @@ impl Drawn {
         }
     }
 
-    /// Deviation if every sample is valid: that of the samples.
+    /// Deviation if every sample is valid: then it is largest at a sample.
     fn whole<N: Number>(&self, full: &Full, corners: [N; 4], z: impl Fn(usize) -> N) -> f64 {
         let (s, [a, b, c, d]) = (self.s, corners);
         let mut worst = 0.0_f64;
         for y in 0..=s {
-            // The drawn height times s along a row is base + slope x, west and east of the
-            // diagonal.
+            // The drawn height times s is base + slope x along a row, on the west and on the east
+            // of the diagonal.
             let west = a.times(s - y) + c.times(y);
             let (split, slopes, east) = if self.cell.falling {
                 (y, [d - c, b - a], a.times(s) - b.times(y) + d.times(y))
@@ -168,7 +168,7 @@ impl Drawn {
         worst / s as f64
     }
 
-    /// Deviation where both surfaces are shown, voids and all.
+    /// Deviation where both surfaces are shown, if there are voids.
     fn mixed<N: Number>(&self, surfaces: &Surfaces, corners: [N; 4], z: impl Fn(usize) -> N) -> f64 {
         let full = surfaces.full;
         let inside = |start: u64, count: usize| (count as u64 - 1).saturating_sub(start).min(self.s as u64);
@@ -193,7 +193,7 @@ impl Drawn {
         worst / self.cell.side as f64
     }
 
-    /// Deviation, times `4 s`, over the part of a fine triangle that is shown on both surfaces.
+    /// Deviation, times `4 s`, over the part of a fine triangle that both surfaces show.
     fn triangle<N: Number>(&self, fine: &Fine, valid: [bool; 4], heights: [N; 4], corners: [N; 4]) -> f64 {
         let count =
             |cell: Cell, part, valid: [bool; 4]| cell.corners(part).iter().filter(|&&i| valid[i]).count();

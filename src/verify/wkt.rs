@@ -1,5 +1,5 @@
-//! What can be read off a WKT without knowing coordinate systems: its kind, its code, its
-//! ellipsoid, its unit. By code of its own: the source's reading of WKT is what it is held against.
+//! Reads kind, code, ellipsoid and unit of a WKT, without knowing coordinate systems. Independent
+//! of the parser of the sources, which it checks.
 
 use crate::geo::{CrsKind, Ellipsoid};
 
@@ -7,22 +7,22 @@ use crate::geo::{CrsKind, Ellipsoid};
 #[derive(Debug)]
 pub(super) struct Wkt<'a> {
     keyword: &'a str,
-    /// Quoted texts, without their quotes, and bare words and numbers.
+    /// Quoted texts without their quotes, words and numbers.
     values: Vec<&'a str>,
     children: Vec<Wkt<'a>>,
 }
 
-/// Nodes deep that are read.
+/// Deepest nesting that is read.
 const DEEPEST: usize = 32;
 
 impl<'a> Wkt<'a> {
-    /// The one node of a text; `None` if it is none.
+    /// The root node of a text; `None` if the text is not a single node.
     pub fn of(text: &'a str) -> Option<Self> {
         let (node, rest) = Self::read(text.trim(), 0)?;
         rest.trim().is_empty().then_some(node)
     }
 
-    /// A node at the start of a text, and what follows it.
+    /// The node at the start of a text, and the text behind it.
     fn read(text: &'a str, depth: usize) -> Option<(Self, &'a str)> {
         let open = text.find(['[', '('])?;
         let keyword = text[..open].trim();
@@ -36,7 +36,7 @@ impl<'a> Wkt<'a> {
         let mut rest = text[open + 1..].trim_start();
         loop {
             if let Some(quoted) = rest.strip_prefix('"') {
-                // A quote within is written twice.
+                // A quote within a text is written twice.
                 let mut end = quoted.find('"')?;
                 while quoted[end + 1..].starts_with('"') {
                     end += 2 + quoted[end + 2..].find('"')?;
@@ -70,7 +70,7 @@ impl<'a> Wkt<'a> {
         self.children.iter().find(|child| child.is(keywords))
     }
 
-    /// The first node of a kind in it or below.
+    /// The first node with one of these keywords, at or below this one.
     fn find(&self, keywords: &[&str]) -> Option<&Self> {
         if self.is(keywords) {
             return Some(self);
@@ -82,7 +82,7 @@ impl<'a> Wkt<'a> {
         self.values.get(index)?.parse().ok().filter(|number: &f64| number.is_finite())
     }
 
-    /// What kind of system it is; `None` for compound ones, and those that are not for rasters.
+    /// Kind of the system; `None` for compound ones and kinds that rasters do not have.
     pub fn kind(&self) -> Option<CrsKind> {
         if self.is(&["GEOGCRS", "GEOGRAPHICCRS", "GEOGCS"]) {
             Some(CrsKind::Geographic)
@@ -95,7 +95,7 @@ impl<'a> Wkt<'a> {
         }
     }
 
-    /// Its own EPSG code.
+    /// EPSG code of the system itself.
     pub fn epsg(&self) -> Option<u32> {
         self.kind()?;
         let id = self.child(&["ID", "AUTHORITY"])?;
@@ -103,7 +103,7 @@ impl<'a> Wkt<'a> {
         code.parse().ok()
     }
 
-    /// Its ellipsoid.
+    /// Ellipsoid of the system.
     pub fn ellipsoid(&self) -> Option<Ellipsoid> {
         self.kind()?;
         let node = self.find(&["ELLIPSOID", "SPHEROID"])?;
@@ -111,7 +111,7 @@ impl<'a> Wkt<'a> {
         Some(Ellipsoid { a: node.number(1)? * metres, inverse_flattening: node.number(2)? })
     }
 
-    /// Radians or metres of the unit of its coordinates, where one holds for all of them.
+    /// Radians or metres of the coordinate unit, if all coordinates have the same one.
     pub fn unit(&self) -> Option<f64> {
         self.kind()?;
         let units = ["ANGLEUNIT", "LENGTHUNIT", "UNIT"];

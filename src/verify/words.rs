@@ -1,15 +1,15 @@
-//! What a file and its source say of themselves, in words for people.
+//! Descriptions of a file and its source, for problems in the report.
 
 use crate::geo::{Crs, CrsKind};
 
-/// A geotransform.
+/// A geotransform as text.
 pub(super) fn transform(transform: Option<[f64; 6]>) -> String {
     let Some(numbers) = transform else { return "none".into() };
     let numbers: Vec<String> = numbers.iter().map(ToString::to_string).collect();
     numbers.join(" ")
 }
 
-/// Two coordinate systems: their names where these differ, else the parts that do.
+/// Two coordinate systems as text: their names if these differ, else the properties that differ.
 pub(super) fn crs(expected: &Crs, got: &Crs) -> (String, String) {
     let (a, b) = (name(expected), name(got));
     if a != b {
@@ -25,7 +25,7 @@ pub(super) fn crs(expected: &Crs, got: &Crs) -> (String, String) {
     (join(expected), join(got))
 }
 
-/// What a coordinate system is called.
+/// Name of a coordinate system.
 fn name(crs: &Crs) -> String {
     let code = crs.epsg.map(|code| format!("EPSG:{code}"));
     match (crs.name.is_empty(), code) {
@@ -36,7 +36,7 @@ fn name(crs: &Crs) -> String {
     }
 }
 
-/// All that tells systems of one name apart.
+/// All properties that distinguish systems of the same name.
 fn parts(crs: &Crs) -> [String; 7] {
     let kind = match crs.kind {
         CrsKind::Geographic => "geographic",
