@@ -1,12 +1,12 @@
-//! A level or a tile of a container back to a raster: GeoTIFF, or a picture.
+//! Exports a level or a tile of a container as a GeoTIFF or a PNG.
 //!
 //! Tiles are read in rows from north to south. A GeoTIFF of a level that is too wide for that, or
 //! mostly void, is made of large blocks, of which those without samples are left out: it takes some
-//! 300 MiB and 80 bytes a block at most, of which there are 4 million. A picture is made in memory,
-//! of at most 16 384 x 16 384 samples. Within a limit of memory (`ReaderOptions::memory`) bands
-//! have fewer rows, blocks are made a few at a time, and what is still too much is refused before
-//! the file is begun. At the leaf level the samples are the source's own, bit for bit unless the
-//! file is quantised.
+//! 300 MiB, and 80 bytes for each of at most 4 million blocks. A PNG is made in memory, of at most
+//! 16 384 x 16 384 samples. Within a memory limit (`ReaderOptions::memory`) bands have fewer rows
+//! and blocks are made a few at a time; an export that still exceeds it is refused before the file
+//! is begun. At the leaf level the samples are the source's own, bit for bit unless the file is
+//! quantised.
 
 mod imagery;
 mod memory;
@@ -34,38 +34,38 @@ use crate::tile::TileId;
 use memory::{Extract, Way};
 use part::each_band;
 
-/// Largest picture, in samples on a side: a PNG is made in memory.
+/// Largest side of a PNG in samples, since it is made in memory.
 const MAX_PICTURE_SIDE: u32 = 16_384;
 
-/// Bytes of the values of a row of tiles, at most.
+/// Most bytes of the values of a row of tiles.
 const BAND_BYTES: u64 = 256 << 20;
-/// Bytes of a value while it is on its way to a sample.
+/// Bytes of a value before it becomes a sample.
 const VALUE_BYTES: u64 = size_of::<Option<f64>>() as u64;
 
-/// How a GeoTIFF is to be written.
+/// Options of a GeoTIFF export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GeotiffOptions {
     /// The level.
     pub level: u8,
-    /// Compression of the strips.
+    /// Compression of the blocks.
     pub compression: Compression,
     /// Replace an existing file.
     pub force: bool,
 }
 
-/// Georeference of a level: pixels as many times larger, its first sample on the raster's first.
+/// Georeference of a level: larger pixels, with its first sample on the raster's first sample.
 pub fn level_geo(geo: &Geo, header: &Header, level: u8) -> Geo {
     let step = f64::from(header.spacing(level));
     let transform = geo.transform.map(|[x0, a, b, y0, d, e]| {
-        // Pixel (0, 0) of the level is centred on sample (0, 0), which stands half a source pixel
-        // in.
+        // Pixel (0, 0) of the level is centred on sample (0, 0), which lies half a source pixel
+        // from the corner.
         let shift = 0.5 - 0.5 * step;
         [x0 + shift * (a + b), a * step, b * step, y0 + shift * (d + e), d * step, e * step]
     });
     Geo { transform, ..geo.clone() }
 }
 
-/// Writes a level as a GeoTIFF; returns its size in samples.
+/// Writes a level as a GeoTIFF; returns its columns and rows.
 pub fn geotiff(reader: &Reader, output: &Path, options: GeotiffOptions) -> Result<(u32, u32)> {
     let header = reader.header();
     check_apart(output, reader)?;
@@ -99,7 +99,7 @@ pub fn geotiff(reader: &Reader, output: &Path, options: GeotiffOptions) -> Resul
     Ok((columns, rows))
 }
 
-/// Writes a level as a shaded PNG; returns its size.
+/// Writes a level as a shaded PNG; returns its columns and rows.
 pub fn picture(reader: &Reader, output: &Path, level: u8, style: hillshade::Style) -> Result<(u32, u32)> {
     let header = reader.header();
     check_apart(output, reader)?;
@@ -151,26 +151,27 @@ fn all_of(header: &Header, level: u8) -> (Rect, Extract) {
     (Rect { columns: 0..columns, rows: 0..rows }, Extract { level, columns, rows })
 }
 
-/// What stands for void in an exported raster.
+/// How an exported raster marks voids.
 #[derive(Clone, Copy, Debug)]
 enum Void {
-    /// There is none.
+    /// There are no voids.
     Nothing,
-    /// The samples of a nodata value.
+    /// By a nodata value.
     Value(Nodata),
-    /// A mask, where the samples use all numbers of their type.
+    /// By a mask, as the samples use all numbers of their type.
     Mask,
 }
 
 impl Void {
-    /// The value for the tag.
+    /// The nodata value for the tag.
     fn tag(self) -> Option<f64> {
         if let Self::Value(nodata) = self { nodata.value() } else { None }
     }
 }
 
-/// What to write for voids: the source's value, or where it has none and the level has voids (a
-/// mask), NaN or the end of the type's range that the data does not reach, or a mask.
+/// How to mark the voids of a level: by the source's nodata value. If there is none and the level
+/// has voids (a mask), by NaN or by an end of the type's range that the data does not reach, else
+/// by a mask.
 fn void(reader: &Reader, level: u8) -> Result<Void> {
     let header = reader.header();
     let value = |value: f64| Void::Value(Nodata::new(Some(value), header.source_type));
@@ -197,7 +198,7 @@ fn void(reader: &Reader, level: u8) -> Result<Void> {
     })
 }
 
-/// Appends rows of values, with their mask if the voids need one.
+/// Writes rows of values, with their mask if voids need one.
 fn write(writer: &mut GeotiffWriter, values: &[Option<f64>], kind: SampleType, void: Void) -> Result<()> {
     let samples = samples(values, kind, void);
     match void {
@@ -222,10 +223,10 @@ fn integer_range(kind: SampleType) -> Option<(f64, f64)> {
     }
 }
 
-/// Values as samples of the source's type; quantised values are rounded into it.
+/// Values as samples of the source's type; quantised values are rounded to it.
 ///
-/// A quantised height that falls on a void one is moved to the next number, so that it does not
-/// become a void.
+/// A quantised height that equals a void sample is moved to the next number, so that it stays
+/// valid.
 fn samples(values: &[Option<f64>], kind: SampleType, void: Void) -> Samples {
     let nodata = if let Void::Value(nodata) = void { nodata } else { Nodata::NONE };
     let hole = if let Void::Value(nodata) = void { nodata.sample(kind).unwrap_or(f64::NAN) } else { 0.0 };
@@ -267,7 +268,7 @@ mod tests {
         assert_eq!(samples(SampleType::Uint8, None), Samples::Uint8(vec![0, 0, 3, 255]));
         let tiny = f32::from_bits(1);
         assert_eq!(samples(SampleType::Float32, Some(0.0)), Samples::Float32(vec![tiny, 0.0, 3.0, 255.0]));
-        // Also where it is only close to the void value.
+        // Also a value that is only close to the nodata value.
         let Samples::Float32(got) = samples(SampleType::Float32, Some(255.000_02)) else { panic!() };
         assert!(got[3] > 255.000_02 && got[3] < 255.0003, "{got:?}");
     }

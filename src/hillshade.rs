@@ -1,9 +1,9 @@
-//! Shaded relief: heights in, an RGBA picture out, as a pure function; and a PNG of it.
+//! Shaded relief: a pure function from heights to an RGBA picture, and PNG encoding.
 //!
-//! Slopes are Horn's, light is that of `gdaldem hillshade`: [`Style::Grey`] gives its greys.
-//! [`Style::Relief`] is a quiet map: a hypsometric tint over the range of the heights, lit from
-//! several sides, blue below sea level. Voids are NaN and come out transparent; next to one (or to
-//! the border) the sample's own height stands in for it.
+//! Slopes are Horn's and light is that of `gdaldem hillshade`: [`Style::Grey`] gives its greys.
+//! [`Style::Relief`] is a subdued map: a hypsometric tint over the range of the heights, lit from
+//! several sides, blue below sea level. Voids are NaN and become transparent; where a neighbour is
+//! void or beyond the border, the sample's own height is used for it.
 
 use std::path::Path;
 
@@ -12,24 +12,24 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 use crate::output;
 
-/// What the picture is made of.
+/// Look of the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Style {
-    /// Light alone: 1 (away from the sun) to 255 (facing it), grey.
+    /// Light only, in greys from 1 (away from the light) to 255 (facing it).
     Grey,
     /// Hypsometric tint under soft light.
     #[default]
     Relief,
 }
 
-/// How to shade.
+/// Options of shading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     /// Metres from one column to the next, above 0.
     pub dx_m: f64,
     /// Metres from one row to the next, above 0; rows go south.
     pub dy_m: f64,
-    /// Where the light comes from, in degrees clockwise from north.
+    /// Direction that the light comes from, in degrees clockwise from north.
     pub azimuth: f64,
     /// Height of the light above the horizon in degrees.
     pub altitude: f64,
@@ -37,13 +37,13 @@ pub struct Options {
     pub exaggeration: f64,
     /// Look of the picture.
     pub style: Style,
-    /// Heights in metres at the two ends of the tint; `None` takes the 1st and 99th percentile of
-    /// the picture.
+    /// Heights in metres at the two ends of the tint; `None` for the 1st and 99th percentile of the
+    /// heights.
     pub tint_range: Option<(f32, f32)>,
 }
 
 impl Options {
-    /// Light from the north-west, 45 degrees high, as gdaldem has it; relief style.
+    /// Light from the north-west, 45 degrees high, as in gdaldem; relief style.
     pub fn new(dx_m: f64, dy_m: f64) -> Self {
         Self {
             dx_m,
@@ -57,7 +57,7 @@ impl Options {
     }
 }
 
-/// Tint of land from the low end of the range to the high one: (position, sRGB).
+/// Tint of land from the low to the high end of the range: (position, sRGB).
 const LAND: [(f32, [f32; 3]); 7] = [
     (0.00, [158.0, 184.0, 154.0]),
     (0.18, [188.0, 203.0, 165.0]),
@@ -67,20 +67,20 @@ const LAND: [(f32, [f32; 3]); 7] = [
     (0.85, [205.0, 194.0, 184.0]),
     (1.00, [238.0, 236.0, 232.0]),
 ];
-/// Tint of the sea from the deepest to the shore.
+/// Tint of the sea from the deepest point to the shore.
 const SEA: [(f32, [f32; 3]); 4] = [
     (0.00, [104.0, 143.0, 178.0]),
     (0.45, [140.0, 178.0, 204.0]),
     (0.85, [179.0, 208.0, 222.0]),
     (1.00, [204.0, 225.0, 230.0]),
 ];
-/// Lights of the relief style: degrees from the main azimuth, and share. The sides keep slopes that
-/// face away from the main light from going flat.
+/// Lights of the relief style: degrees from the main azimuth, and share. The side lights give shape
+/// to slopes that face away from the main light.
 const LIGHTS: [(f64, f32); 4] = [(0.0, 0.58), (-60.0, 0.18), (60.0, 0.18), (180.0, 0.06)];
 
 /// Shades `width * height` heights in metres, row by row from the north; NaN is void.
 ///
-/// Returns RGBA, 4 bytes a sample.
+/// Returns RGBA, 4 bytes for each sample.
 ///
 /// # Errors
 /// [`Error::Usage`] if the number of heights is not `width * height`, or a spacing is not above 0.
@@ -109,13 +109,13 @@ pub fn hillshade(heights: &[f32], width: usize, height: usize, options: &Options
     Ok(picture)
 }
 
-/// Options worked out: a light is the three numbers of its unit vector (east, north, up).
+/// Precomputed values of the options; a light is a unit vector (east, north, up).
 struct Shader {
     east_per_metre: f32,
     north_per_metre: f32,
     lights: Vec<([f32; 3], f32)>,
     style: Style,
-    /// Height of flat tint: lowest, and highest.
+    /// Lowest and highest height of the tint.
     range: (f32, f32),
     /// Light on flat ground.
     flat: f32,
@@ -146,7 +146,7 @@ impl Shader {
         }
     }
 
-    /// Colour of sample `x` of the middle one of three rows; `None` for a void.
+    /// Colour of sample `x` of the middle of three rows; `None` for a void.
     fn colour(&self, rows: [&[f32]; 3], x: usize) -> Option<[u8; 3]> {
         let z = rows[1][x];
         if !z.is_finite() {
@@ -164,7 +164,7 @@ impl Shader {
         let at =
             |row: usize, column: usize| if rows[row][column].is_finite() { rows[row][column] } else { z };
         let (west, east) = (x.saturating_sub(1), (x + 1).min(rows[1].len() - 1));
-        // Horn: the middle of each side counts twice.
+        // Horn: the middle sample of each side counts twice.
         let side = |a: f32, b: f32, c: f32| a + 2.0 * b + c;
         let [nw, n, ne] = [at(0, west), at(0, x), at(0, east)];
         let [sw, s, se] = [at(2, west), at(2, x), at(2, east)];
@@ -175,7 +175,7 @@ impl Shader {
         self.lights.iter().map(|(light, share)| facing(light) * share).sum::<f32>() / length
     }
 
-    /// Colour of a height on flat ground.
+    /// Tint of a height under the light of flat ground.
     fn tint(&self, z: f32) -> [f32; 3] {
         let (low, high) = self.range;
         let part = |from: f32, to: f32| if to > from { (z - from) / (to - from) } else { 0.5 };
@@ -183,8 +183,7 @@ impl Shader {
     }
 }
 
-/// 1st and 99th percentile of the valid heights, from at most about 65 536 of them. A sea reaches
-/// down to its lowest.
+/// 1st and 99th percentile of the valid heights, from about 65 536 of them.
 fn percentiles(heights: &[f32]) -> (f32, f32) {
     let step = (heights.len() >> 16).max(1);
     let mut sample: Vec<f32> = heights.iter().step_by(step).copied().filter(|z| z.is_finite()).collect();
@@ -193,7 +192,7 @@ fn percentiles(heights: &[f32]) -> (f32, f32) {
     (at(1), at(99))
 }
 
-/// Colour at a position of a ramp, its ends beyond them.
+/// Colour at a position of a ramp; beyond its ends, that of the end.
 fn ramp(stops: &[(f32, [f32; 3])], position: f32) -> [f32; 3] {
     let mut colour = stops.first().map_or([0.0; 3], |stop| stop.1);
     for pair in stops.windows(2) {
@@ -206,14 +205,14 @@ fn ramp(stops: &[(f32, [f32; 3])], position: f32) -> [f32; 3] {
     colour
 }
 
-/// A tint under light, 1 on flat ground: shade goes towards a cool violet grey, light towards a
+/// A tint under light, which is 1 on flat ground: shade turns to a cool violet grey, light to a
 /// warm white.
 fn tone(tint: [f32; 3], light: f32) -> [u8; 3] {
     const SHADE: [f32; 3] = [62.0, 66.0, 92.0];
     const SUN: [f32; 3] = [255.0, 251.0, 240.0];
     let mix = |a: [f32; 3], b: [f32; 3], part: f32| std::array::from_fn(|i| a[i] + (b[i] - a[i]) * part);
     let colour: [f32; 3] = if light < 1.0 {
-        // Multiplied rather than covered: the tint stays visible in the shade.
+        // Multiplied rather than blended, so that the tint stays visible in the shade.
         let shaded = std::array::from_fn(|i| tint[i] * SHADE[i] / 150.0);
         mix(tint, shaded, (1.0 - light).min(1.0))
     } else {
@@ -222,7 +221,7 @@ fn tone(tint: [f32; 3], light: f32) -> [u8; 3] {
     colour.map(|c| (c + 0.5) as u8)
 }
 
-/// An RGBA picture (4 bytes a pixel, row by row) as the bytes of a PNG.
+/// The PNG encoding of an RGBA picture (4 bytes a pixel, row by row).
 ///
 /// # Errors
 /// [`Error::Usage`] if the picture is empty or its size is not `4 * width * height` bytes.
@@ -237,13 +236,14 @@ pub fn png_bytes(rgba: &[u8], width: u32, height: u32) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Writes a picture as PNG at `path`; what was there is replaced when it is whole.
+/// Writes a picture as a PNG at `path`; an existing file is replaced only when the new one is
+/// complete.
 pub fn write_png(path: &Path, rgba: &[u8], width: u32, height: u32) -> Result<()> {
     let bytes = png_bytes(rgba, width, height)?;
     output::write(path, &bytes, true)
 }
 
-/// Writing to memory fails only for a picture that cannot be.
+/// The error for a picture that cannot be encoded, the only reason why writing to memory fails.
 fn refused(error: &png::EncodingError) -> Error {
     Error::usage(format!("this picture cannot be a PNG: {error}"))
 }

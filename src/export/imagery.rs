@@ -1,7 +1,7 @@
-//! Imagery back to a picture: a level, cut to the heights, or a tile.
+//! Exports imagery: a level, cut to the extent of the heights, or a tile.
 //!
-//! Where the layer ends above the level, the finest tile there is shows, magnified. Rows of tiles
-//! are read from north to south; memory grows with the width.
+//! Where the layer ends above the level, its finest tile is magnified. Rows of tiles are read from
+//! north to south; memory grows with the width.
 
 use std::path::Path;
 
@@ -21,14 +21,13 @@ use crate::tile::TileId;
 /// Side of the GeoTIFF's blocks.
 const BLOCK: u32 = 256;
 
-/// Bytes of the texels of a row of tiles, at most: it is in memory as a whole.
+/// Most bytes of the texels of a row of tiles, which is held in memory.
 const MAX_ROW_BYTES: u64 = 512 << 20;
 
-/// Bytes for each texel of a tile while it is decoded: chunks, what the codecs take (WebP most),
-/// and texels.
+/// Bytes for each texel of a tile while it is decoded: chunks, codec (WebP needs most), and texels.
 const TEXEL: u64 = 32;
 
-/// Some texels of a level, whose north-west one is texel (`left`, `top`).
+/// A rectangle of texels of a level; `left` and `top` are those of its north-west texel.
 #[derive(Clone, Copy)]
 struct Area {
     level: u8,
@@ -38,8 +37,8 @@ struct Area {
     rows: u32,
 }
 
-/// Writes a level of the imagery as a GeoTIFF of bytes: grey or RGB, and alpha if some texel is
-/// transparent. Returns its size in texels.
+/// Writes a level of the imagery as a GeoTIFF of bytes: grey or RGB, and alpha if a texel is
+/// transparent. Returns its columns and rows of texels.
 pub fn imagery_geotiff(reader: &Reader, output: &Path, options: GeotiffOptions) -> Result<(u32, u32)> {
     check_apart(output, reader)?;
     let layer = layer_of(reader)?;
@@ -48,7 +47,7 @@ pub fn imagery_geotiff(reader: &Reader, output: &Path, options: GeotiffOptions) 
     Ok((area.columns, area.rows))
 }
 
-/// Writes a level of the imagery as a PNG; returns its size in texels.
+/// Writes a level of the imagery as a PNG; returns its columns and rows of texels.
 pub fn imagery_picture(reader: &Reader, output: &Path, level: u8) -> Result<(u32, u32)> {
     check_apart(output, reader)?;
     let layer = layer_of(reader)?;
@@ -57,8 +56,8 @@ pub fn imagery_picture(reader: &Reader, output: &Path, level: u8) -> Result<(u32
     Ok((area.columns, area.rows))
 }
 
-/// Writes a tile of the imagery, without its gutters: a PNG, or a GeoTIFF if there are options for
-/// it. Returns its size in texels.
+/// Writes a tile of the imagery, without its gutters, as a GeoTIFF if `options` are given, else as
+/// a PNG. Returns its columns and rows of texels.
 pub fn imagery_tile(
     reader: &Reader,
     output: &Path,
@@ -80,8 +79,8 @@ pub fn imagery_tile(
     Ok((tile, tile))
 }
 
-/// Writes the texels of a level that a box touches: a PNG, or a GeoTIFF if there are options for
-/// it. Returns their columns and rows.
+/// Writes the texels of a level that a box touches, as a GeoTIFF if `options` are given, else as a
+/// PNG. Returns their columns and rows.
 pub fn imagery_part(
     reader: &Reader,
     output: &Path,
@@ -136,13 +135,13 @@ fn level_area(reader: &Reader, imagery: &ImageryHeader, level: u8) -> Result<Are
     Ok(Area { level, left: 0, top: 0, columns, rows })
 }
 
-/// Georeference of an area: its pixels are texels.
+/// Georeference of an area, with texels as pixels.
 fn area_geo(reader: &Reader, imagery: &ImageryHeader, area: Area) -> Geo {
     let header = reader.header();
     let intervals = f64::from(header.tile()) * f64::from(header.spacing(0));
     let step = intervals / imagery.texels(area.level) as f64;
     let transform = reader.geo().transform.map(|[x0, a, b, y0, d, e]| {
-        // Texel (0, 0) begins at sample (0, 0), which stands half a pixel in.
+        // Texel (0, 0) begins at sample (0, 0), which lies half a pixel from the corner.
         let (column, row) = (0.5 + area.left as f64 * step, 0.5 + area.top as f64 * step);
         [x0 + column * a + row * b, a * step, b * step, y0 + column * d + row * e, d * step, e * step]
     });
@@ -209,7 +208,7 @@ fn bands(header: &ImageryHeader) -> usize {
     header.colour.channels() + usize::from(header.alpha)
 }
 
-/// Calls `take` with the pixels of whole rows of an area, north to south.
+/// Calls `take` with the pixels of whole rows of an area, from north to south.
 fn each_band(layer: &ImageryLayer, area: Area, mut take: impl FnMut(Vec<u8>) -> Result<()>) -> Result<()> {
     let tile = u64::from(layer.header().tile);
     let bands = bands(layer.header());
@@ -233,17 +232,17 @@ fn each_band(layer: &ImageryLayer, area: Area, mut take: impl FnMut(Vec<u8>) -> 
     Ok(())
 }
 
-/// What a tile shows: itself, or a part of the finest ancestor there is.
+/// The texels shown for a tile: its own, or a part of its finest ancestor in the layer.
 struct Shown {
     texels: Texels,
     gutter: u64,
-    /// How many levels finer the tile is.
+    /// Number of levels between the ancestor and the tile.
     down: u8,
-    /// The tile's north-west texel in the ancestor, in its own texels.
+    /// North-west texel of the tile within the ancestor, in texels of the tile's level.
     origin: (u64, u64),
 }
 
-/// The tile or its finest ancestor.
+/// The tile, or its finest ancestor in the layer.
 fn finest(layer: &ImageryLayer, id: TileId) -> Result<Option<Shown>> {
     let tile = u64::from(layer.header().tile);
     for down in 0..=id.level {
@@ -259,7 +258,7 @@ fn finest(layer: &ImageryLayer, id: TileId) -> Result<Option<Shown>> {
 }
 
 impl Shown {
-    /// Writes the texel at a place of the tile.
+    /// Writes the texel at a column and row of the tile.
     fn put(&self, (column, row): (u64, u64), pixel: &mut [u8]) {
         let along = |origin: u64, place: u64| (((origin + place) >> self.down) + self.gutter) as usize;
         let at = along(self.origin.1, row) * self.texels.side + along(self.origin.0, column);

@@ -1,5 +1,5 @@
-//! How an export keeps within memory: rows of tiles at a time, fewer rows, or large blocks; or what
-//! it takes at least.
+//! Memory of an export: chooses rows of tiles, fewer rows, or large blocks within a limit, or says
+//! how much is needed at least.
 
 use super::sparse::Blocks;
 use super::{BAND_BYTES, VALUE_BYTES, Void};
@@ -9,25 +9,24 @@ use crate::geotiff_write::{GeotiffSpec, GeotiffWriter};
 use crate::pipeline::memory::{PROGRAM, THREAD, within};
 use crate::sample::SampleType;
 
-/// Bytes of samples from which on voids are worth leaving out.
+/// Bytes of samples from which on voids are left out of the file.
 const SPARSE_FROM: u64 = 1 << 30;
-/// A row of tiles is cut into as many bands at most: each decodes its tiles again.
+/// Most bands that a row of tiles is cut into: each decodes its tiles again.
 const MOST_BANDS: u64 = 16;
-/// Bytes of blocks that are made at a time, without a limit.
+/// Bytes of blocks that are made at a time, if there is no limit.
 const AT_ONCE: u64 = 256 << 20;
-/// Bytes of a band on its way to a file, beside its values, for each of its samples: the sample,
-/// and whether it is valid.
+/// Bytes for the validity of a sample on its way to the file.
 const MASKED: u64 = 1;
 
 /// How a level is written.
 pub(super) enum Way {
-    /// In bands of at most so many rows.
+    /// In bands of at most this many rows.
     Bands(u32),
-    /// In blocks, so many at a time.
+    /// In blocks, within this many bytes at a time.
     Blocks(Blocks, u64),
 }
 
-/// Samples of a level that are exported.
+/// Part of a level that is exported.
 #[derive(Clone, Copy)]
 pub(super) struct Extract {
     pub level: u8,
@@ -35,12 +34,12 @@ pub(super) struct Extract {
     pub rows: u32,
 }
 
-/// Bytes that everything but the samples takes.
+/// Bytes of everything but the samples.
 pub(super) fn fixed(reader: &Reader, threads: usize) -> u64 {
     PROGRAM + rayon::current_num_threads() as u64 * THREAD + reader.memory(threads)
 }
 
-/// Fails if a picture or a tile takes more than the reader's limit.
+/// Fails if a PNG or a tile exceeds the reader's memory limit.
 pub(super) fn check(reader: &Reader, what: &str, bytes: u64) -> Result<()> {
     let needed = fixed(reader, 1).saturating_add(bytes);
     within(reader.memory_limit(), needed, || {
@@ -48,8 +47,8 @@ pub(super) fn check(reader: &Reader, what: &str, bytes: u64) -> Result<()> {
     })
 }
 
-/// The most rows of a band whose samples take `each` bytes, so that it takes no more than `limit`:
-/// those of a tile, or 1/2, 1/4 .. 1/16 of them. `None` if that is still too much.
+/// The most rows of a band, at `each` bytes a sample, within `limit` bytes: those of a tile, or
+/// 1/2, 1/4 .. 1/16 of them. `None` if 1/16 is still too much.
 pub(super) fn band_rows(reader: &Reader, extract: Extract, each: u64, limit: u64) -> Option<u32> {
     let tile = reader.header().tile();
     let mut rows = std::iter::successors(Some(tile), |rows| Some(rows / 2))
@@ -57,13 +56,13 @@ pub(super) fn band_rows(reader: &Reader, extract: Extract, each: u64, limit: u64
     rows.find(|&rows| band_bytes(extract, rows, each) <= limit)
 }
 
-/// Bytes of a band. The last row of tiles owns its border too.
+/// Bytes of a band. The last row of tiles also owns its lower border.
 fn band_bytes(extract: Extract, rows: u32, each: u64) -> u64 {
     u64::from(extract.columns) * (u64::from(rows) + 1).min(extract.rows.into()) * each
 }
 
-/// How to write a GeoTIFF of a level, or of a part of one (which has no blocks), within the limit
-/// of the reader.
+/// How to write a GeoTIFF of a level, or of a part of one (never in blocks), within the reader's
+/// memory limit.
 ///
 /// # Errors
 /// [`Error::Usage`] if that is not enough, [`Error::Limit`] if it is too wide.
@@ -125,7 +124,7 @@ pub(super) fn way(
     Err(too_wide(extract, header.tile(), limit))
 }
 
-/// True if a level is so large that its voids are worth leaving out, and mostly void.
+/// True if a level is large enough to leave out voids, and mostly void.
 fn is_sparse(reader: &Reader, extract: Extract) -> Result<bool> {
     let header = reader.header();
     let [columns, rows, tile] = [extract.columns, extract.rows, header.tile()].map(u64::from);
@@ -143,20 +142,19 @@ fn too_wide(extract: Extract, tile: u32, most: u64) -> Error {
     Error::limit(what, band_bytes(extract, rows, VALUE_BYTES), most)
 }
 
-/// Bytes that a picture of so many pixels takes, of so many bytes each: the pixels, and the PNG,
-/// which may be as large.
+/// Bytes for a PNG of `pixel` bytes a pixel: the pixels, and the PNG, which may be as large.
 pub(super) fn of_png(columns: u32, rows: u32, pixel: u64) -> u64 {
     u64::from(columns) * u64::from(rows) * 3 * pixel + (2 << 20)
 }
 
-/// Bytes that a shaded picture takes: heights, then pixels, and rows of tiles before.
+/// Bytes for a shaded PNG: heights and pixels, after the rows of tiles.
 pub(super) fn of_relief(extract: Extract, rows: u32) -> u64 {
     let heights = u64::from(extract.columns) * u64::from(extract.rows) * 4;
     let band = band_bytes(extract, rows, VALUE_BYTES);
     heights.saturating_add(band).saturating_add(of_png(extract.columns, extract.rows, 4))
 }
 
-/// Bytes that a tile of heights takes: values, samples, and what is written of them.
+/// Bytes for a tile of heights: values, samples, and the encoded file.
 pub(super) fn of_tile(tile: u32, kind: SampleType) -> u64 {
     (u64::from(tile) + 1).pow(2) * (VALUE_BYTES + 8 * kind.bytes().max(2) as u64)
 }

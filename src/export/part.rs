@@ -1,5 +1,5 @@
-//! The part of a level that a box touches, as a GeoTIFF or as a shaded picture. Only tiles that it
-//! touches are read.
+//! Exports the part of a level that a box touches, as a GeoTIFF or as a shaded PNG. Only tiles that
+//! it touches are read.
 
 use std::path::Path;
 
@@ -60,7 +60,7 @@ pub fn part_geotiff(
     Ok(size)
 }
 
-/// Writes the samples that a box touches as a shaded PNG; returns its size.
+/// Writes the samples that a box touches as a shaded PNG; returns their columns and rows.
 pub fn part_picture(
     reader: &Reader,
     output: &Path,
@@ -93,8 +93,8 @@ pub fn part_picture(
     Ok(size)
 }
 
-/// Calls `take` with the values of whole rows of a part of a level, at most `most` rows of one row
-/// of tiles at a time (and the border of the last one), north to south; `None` is void.
+/// Calls `take` with the values of whole rows of a part of a level, from north to south: at most
+/// `most` rows of one row of tiles at a time, plus the border of the last one. `None` is void.
 pub(super) fn each_band(
     reader: &Reader,
     (level, most): (u8, u32),
@@ -104,7 +104,7 @@ pub(super) fn each_band(
     let header = reader.header();
     let (tile, last) = (header.tile(), ((1_u64 << level) - 1) as u32);
     let (columns, rows) = header.level_size(level);
-    // Each tile owns its first rows and columns; the last one its border too.
+    // Each tile owns its first rows and columns; the last one also owns its border.
     let tiles = |from: u32, to: u32| (from / tile).min(last)..=((to - 1) / tile).min(last);
     let owned = |place: u32, side: u32| place * tile..if place == last { side } else { (place + 1) * tile };
     let width = (part.columns.end - part.columns.start) as usize;
@@ -113,7 +113,7 @@ pub(super) fn each_band(
         let own = owned(y, rows);
         let (mut from, end) = (own.start.max(part.rows.start), own.end.min(part.rows.end));
         while from < end {
-            // A single row that is left over comes with those before it.
+            // A single remaining row is joined to those before it.
             let to = if end - from <= most + 1 { end } else { from + most };
             let band = from..to;
             values.clear();

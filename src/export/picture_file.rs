@@ -1,12 +1,12 @@
-//! A PNG made in memory.
+//! Writes PNG files made in memory.
 
 use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::output;
 
-/// Writes pixels of a kind and depth as a PNG; what was there is replaced when it is whole. Each
-/// text is a key and what it says.
+/// Writes pixels of a colour type and depth as a PNG, which replaces an existing file only when it
+/// is complete. Each text is a keyword and its value.
 pub(super) fn write_png(
     path: &Path,
     (width, height): (u32, u32),

@@ -1,5 +1,5 @@
-//! A level as a GeoTIFF of large blocks, of which those without a valid sample are not in the file:
-//! what it takes follows the tiles that there are, however large the raster is.
+//! Exports a level as a GeoTIFF of large blocks without those that have no valid sample: its size
+//! follows the number of tiles, however large the raster is.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -13,31 +13,31 @@ use crate::geotiff_write::{BlockEncoder, GeotiffWriter};
 use crate::sample::VALID;
 use crate::tile::TileId;
 
-/// Blocks from which on larger ones are taken.
+/// Number of blocks above which larger ones are used.
 const ENOUGH: u64 = 1 << 20;
-/// Blocks of a file, at most: each takes 16 bytes of it, there or not.
+/// Most blocks of a file: each takes 16 bytes of it, present or not.
 const MOST: u64 = 1 << 22;
-/// Bytes of a block, at most.
+/// Most bytes of a block.
 const BLOCK_BYTES: u64 = 128 << 20;
-/// Bytes for each sample of the rows of a block that are in hand: values, samples, and as bytes.
+/// Bytes for each sample of the rows of a block in work: values, samples, and their bytes.
 const WHILE_MADE: u64 = 16 + 8 + 8;
-/// Bytes that a codec takes while it packs.
+/// Bytes that a codec takes while it compresses.
 const CODEC: u64 = 12 << 20;
 
-/// Bytes for each block of a file, there or not: its place while others are written, then in the
+/// Bytes for each block of a file, present or not: its place while others are written, then in the
 /// directory.
 const EACH: u64 = 80;
-/// Bytes for each block of the list of those that have samples.
+/// Bytes for each block in the list of those that have samples.
 const WANTED: u64 = 64;
 
-/// How a level is cut.
+/// How a level is cut into blocks.
 pub(super) struct Blocks {
     level: u8,
-    /// Samples along the side of a tile, that it owns.
+    /// Samples that a tile owns along a side.
     tile: u64,
     /// The last column and row of tiles.
     last: u64,
-    /// Samples along the side of a block: a power of two of tiles.
+    /// Samples along a side of a block: a power of two of tiles.
     side: u64,
     columns: u64,
     rows: u64,
@@ -45,7 +45,7 @@ pub(super) struct Blocks {
 }
 
 impl Blocks {
-    /// Blocks of a level of so many columns and rows, of samples of so many bytes.
+    /// The blocks of a level with this many columns and rows, and `sample_bytes` a sample.
     ///
     /// # Errors
     /// [`Error::Limit`] if there would be too many.
@@ -65,30 +65,29 @@ impl Blocks {
         Ok(Self { level, tile, last: (1 << level) - 1, side, columns, rows, sample_bytes })
     }
 
-    /// Bytes of a block while it is made, in a level of so many tiles: a row of its tiles, and what
-    /// is packed of all of them.
+    /// Bytes for a block while it is made, in a level of `tiles` tiles: a row of its tiles, and all
+    /// of its compressed data.
     pub(super) fn bytes(&self, tiles: u64) -> u64 {
         let block = self.side * self.side;
         let there = tiles.saturating_mul((self.tile + 1) * (self.tile + 1)).min(block);
-        // A vector that grows may have room for as much again. Void rows are a thousandth of their
-        // bytes.
+        // A growing vector may have twice the capacity. Void rows compress to a thousandth.
         let packed = 2 * (there + block / 500) * self.sample_bytes;
         self.tile * self.side * WHILE_MADE + packed + CODEC
     }
 
-    /// Bytes for the places of all blocks, and for the list of those that so many tiles have
+    /// Bytes for the places of all blocks, and for the list of those that `tiles` tiles have
     /// samples in.
     pub(super) fn fixed(&self, tiles: u64) -> u64 {
         let blocks = self.columns.div_ceil(self.side) * self.rows.div_ceil(self.side);
         blocks * EACH + blocks.min(tiles.saturating_mul(4)) * WANTED
     }
 
-    /// Side of a block.
+    /// Side of a block in samples.
     pub(super) fn side(&self) -> u32 {
         self.side as u32
     }
 
-    /// The blocks that tiles of the level have samples in, by row and column.
+    /// Column and row of the blocks in which tiles of the level have samples, sorted.
     fn wanted(&self, reader: &Reader) -> Result<Vec<(u64, u64)>> {
         let mut wanted = BTreeSet::new();
         for id in reader.tiles(self.level)? {
@@ -101,13 +100,14 @@ impl Blocks {
         Ok(wanted.into_iter().collect())
     }
 
-    /// Samples along an axis that a tile owns: its first ones, and the last tile its border too.
+    /// Samples along an axis that a tile owns: its first ones, and for the last tile its border
+    /// too.
     fn owned(&self, place: u64, samples: u64) -> Range<u64> {
         let end = if place == self.last { samples } else { samples.min((place + 1) * self.tile) };
         (place * self.tile).min(end)..end
     }
 
-    /// The tiles that own some samples, along an axis.
+    /// Tiles along an axis that own samples of a range.
     fn tiles(&self, own: &Range<u64>) -> Range<u64> {
         (own.start / self.tile).min(self.last)..((own.end - 1) / self.tile).min(self.last) + 1
     }
@@ -117,8 +117,8 @@ impl Blocks {
         block * self.side..((block + 1) * self.side).min(samples)
     }
 
-    /// The values of some rows of a column of blocks, each as long as a block; nothing if no sample
-    /// is valid.
+    /// Reads some rows of a column of blocks into `values`, each row as long as a block; leaves it
+    /// empty if no sample is valid.
     fn read(&self, reader: &Reader, rows: &Range<u64>, x: u64, values: &mut Vec<Option<f64>>) -> Result<()> {
         values.clear();
         let (side, coding) = (self.side as usize, reader.header().coding);
@@ -151,8 +151,7 @@ impl Blocks {
         Ok(())
     }
 
-    /// A block as it will be in the file, made of a row of tiles at a time; `None` if no sample of
-    /// it is valid.
+    /// Encodes a block for the file, one row of tiles at a time; `None` if no sample is valid.
     fn encode(
         &self,
         reader: &Reader,
@@ -185,8 +184,7 @@ impl Blocks {
         encoder.finish().map(Some)
     }
 
-    /// Writes all of them with a writer that takes blocks, in `at_once` bytes or those of one
-    /// block.
+    /// Writes all blocks, within `at_once` bytes at a time or those of one block.
     pub(super) fn write(
         &self,
         reader: &Reader,

@@ -1,5 +1,5 @@
-//! A tile of heights back to a raster: exact samples as a GeoTIFF, or a PNG of 16 bits. What lies
-//! outside the raster is left out.
+//! Exports a tile of heights: exact samples as a GeoTIFF, or a 16-bit PNG. Samples outside the
+//! raster are left out.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::geotiff_write::{GeotiffSpec, GeotiffWriter};
 use crate::sample::{SampleType, VALID};
 use crate::tile::TileId;
 
-/// What a grey of a PNG of heights means: grey `g` from 1 on is `offset_m + (g - 1) * step_m`; 0 is
+/// The heights of the greys of a PNG: grey `g` from 1 on is `offset_m + (g - 1) * step_m`; 0 is
 /// void.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeightScale {
@@ -20,7 +20,7 @@ pub struct HeightScale {
     pub offset_m: f64,
     /// Metres from one grey to the next.
     pub step_m: f64,
-    /// True if every height is exactly the one of its grey.
+    /// True if every height equals that of its grey exactly.
     pub exact: bool,
 }
 
@@ -51,7 +51,7 @@ fn read(reader: &Reader, id: TileId) -> Result<Cut> {
     Ok(Cut { columns, rows, values })
 }
 
-/// Writes a tile's samples as a GeoTIFF; returns its size.
+/// Writes a tile's samples as a GeoTIFF; returns their columns and rows.
 pub fn tile_geotiff(
     reader: &Reader,
     output: &Path,
@@ -82,8 +82,8 @@ pub fn tile_geotiff(
     Ok((tile.columns, tile.rows))
 }
 
-/// Writes a tile's heights as a PNG of 16-bit greys; returns what they mean, which the PNG says too
-/// (text `relevo heights`).
+/// Writes a tile's heights as a PNG of 16-bit greys; returns the heights of the greys, which are
+/// also a text in the PNG (keyword `relevo heights`).
 pub fn tile_picture(reader: &Reader, output: &Path, id: TileId) -> Result<HeightScale> {
     let header = reader.header();
     check_apart(output, reader)?;

@@ -1,4 +1,4 @@
-//! Strips and tiles: how rows are cut into blocks, and what happens to the bytes of one.
+//! Strips and tiles: the division of rows into blocks, and the encoding of a block.
 
 use std::io::{self, Write};
 use std::ops::Range;
@@ -11,13 +11,13 @@ use crate::limits::Limits;
 use crate::sample::SampleType;
 use crate::source::Samples;
 
-/// Bytes of a strip before compression, about.
+/// Approximate bytes of a strip before compression.
 const STRIP_BYTES: u64 = 256 << 10;
-/// Zstandard's level: 3 is its default, 6 takes a few per cent off terrain and stays faster than
-/// reading it.
+/// Zstandard level: 3 is the default; 6 makes terrain a few per cent smaller and is still faster
+/// than reading it.
 pub(super) const ZSTD_LEVEL: i32 = 6;
 
-/// How a raster is cut into blocks. Its byte counts cannot overflow: a block is below
+/// The division of a raster into blocks. Byte counts cannot overflow, as a block is below
 /// [`Limits::block_bytes`].
 #[derive(Debug)]
 pub(super) struct BlockGrid {
@@ -31,10 +31,10 @@ pub(super) struct BlockGrid {
 }
 
 impl BlockGrid {
-    /// The grid of a spec, checked.
+    /// The grid of a spec that is written by rows, checked.
     pub fn new(spec: &GeotiffSpec) -> Result<Self> {
         let grid = Self::of_blocks(spec)?;
-        // A batch holds at least one row of blocks: that has to fit into memory as well as a block.
+        // A batch is at least one row of blocks, which must fit into memory as a block must.
         let band_bytes = grid.row_bytes().saturating_mul(u64::from(grid.block_height));
         let max = Limits::default().block_bytes;
         if band_bytes > max {
@@ -43,7 +43,7 @@ impl BlockGrid {
         Ok(grid)
     }
 
-    /// The same for blocks that come one by one.
+    /// The grid of a spec whose blocks come one by one, checked.
     pub fn of_blocks(spec: &GeotiffSpec) -> Result<Self> {
         let GeotiffSpec { width, height, sample_type, bands, tile, .. } = *spec;
         if width == 0 || height == 0 {
@@ -84,7 +84,7 @@ impl BlockGrid {
         u64::from(self.width) * self.pixel_bytes() as u64
     }
 
-    /// Blocks side by side.
+    /// Blocks in a row of blocks.
     fn across(&self) -> u64 {
         u64::from(self.width.div_ceil(self.block_width))
     }
@@ -94,7 +94,7 @@ impl BlockGrid {
         self.blocks_in(self.height)
     }
 
-    /// Number of blocks that rows take, from the top edge of a block on.
+    /// Number of blocks in `rows` rows that start at the top edge of a block.
     pub fn blocks_in(&self, rows: u32) -> u64 {
         self.across() * u64::from(rows.div_ceil(self.block_height))
     }
@@ -106,7 +106,7 @@ impl BlockGrid {
         columns.saturating_mul(rows).saturating_mul(self.pixel_bytes() as u64)
     }
 
-    /// Tags that say what the samples are and how they are cut.
+    /// Tags that describe the samples and the blocks.
     pub fn tags(&self, compression: Compression) -> Vec<Tag> {
         let short = |id, value| Tag::new(id, Value::Shorts(vec![value]));
         let each = |id, value| Tag::new(id, Value::Shorts(vec![value; usize::from(self.bands)]));
@@ -148,7 +148,7 @@ impl BlockGrid {
     }
 }
 
-/// Appends a range of samples, little-endian. The range lies inside.
+/// Appends a range of samples as little-endian bytes. The range must be within bounds.
 pub(super) fn append_le_bytes(samples: &Samples, range: Range<usize>, bytes: &mut Vec<u8>) {
     match samples {
         Samples::Int8(v) => append(&v[range], bytes, i8::to_le_bytes),
@@ -171,7 +171,7 @@ fn append<T: Copy, const N: usize>(values: &[T], bytes: &mut Vec<u8>, to_le: imp
     }
 }
 
-/// Block `index` of a batch of `rows` rows, ready for the file.
+/// Block `index` of a batch of `rows` rows, encoded for the file.
 pub(super) fn encode(
     grid: &BlockGrid,
     compression: Compression,
@@ -182,7 +182,7 @@ pub(super) fn encode(
     pack(grid, compression, gather(grid, batch, rows, index))
 }
 
-/// The samples of a block as they are stored.
+/// The bytes of a block, predicted and compressed.
 fn pack(grid: &BlockGrid, compression: Compression, mut block: Vec<u8>) -> io::Result<Vec<u8>> {
     if compression == Compression::None {
         return Ok(block);

@@ -1,5 +1,4 @@
-//! TIFF header and image file directory: tags in, the front of a little-endian file out. Knows no
-//! pixels.
+//! Writes the TIFF header and image file directories, little-endian. Knows nothing of pixels.
 
 /// Tag numbers.
 pub(super) mod tags {
@@ -31,7 +30,7 @@ pub(super) mod tags {
     pub const GDAL_NODATA: u16 = 42113;
 }
 
-/// A tag and what it holds.
+/// A tag and its values.
 #[derive(Clone, Debug)]
 pub(super) struct Tag {
     pub id: u16,
@@ -78,16 +77,16 @@ impl Value {
     }
 }
 
-/// A block index of the right length and all zero, to learn the size of the front of a file.
+/// A block index of the right length, all zero, for measuring the size of the directory.
 pub(super) fn zero_index(count: u64) -> Vec<(u64, u64)> {
     vec![(0, 0); count as usize]
 }
 
-/// Header, directory and the values that do not fit into it: the file up to its first block. `next`
-/// is the place of another directory, 0 if there is none.
+/// Header, directory and the values that do not fit into its entries: the file up to its first
+/// block. `next` is the offset of another directory, or 0.
 ///
-/// Its length depends on the tags and on the number of blocks, not on their places. A classic TIFF
-/// needs places below 4 GiB; the caller sees to it.
+/// The length depends on the tags and the number of blocks, not on their offsets. The caller must
+/// keep the offsets of a classic TIFF below 4 GiB.
 pub(super) fn encode(
     other: &[Tag],
     blocks: &[(u64, u64)],
@@ -101,12 +100,12 @@ pub(super) fn encode(
     front
 }
 
-/// One more directory, which stands at `place`, of an image in strips.
+/// A second directory, at offset `place`, of an image in strips.
 pub(super) fn another(other: &[Tag], blocks: &[(u64, u64)], big: bool, place: u64) -> Vec<u8> {
     directory(other, blocks, false, big, (place, 0))
 }
 
-/// A directory at a place, with the place of the next one, and its values.
+/// A directory at an offset, with the offset of the next one, and its values.
 fn directory(
     other: &[Tag],
     blocks: &[(u64, u64)],
@@ -156,7 +155,7 @@ fn directory(
     front
 }
 
-/// The header, behind which the first directory follows at once.
+/// The header, directly followed by the first directory.
 fn header(big: bool) -> Vec<u8> {
     let mut front = Vec::from(*b"II");
     if big {

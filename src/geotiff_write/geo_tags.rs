@@ -1,4 +1,4 @@
-//! What GDAL reads beside the pixels: place, coordinate system, nodata, scale and unit.
+//! Tags about the raster that GDAL reads: georeference, nodata, scale and unit.
 
 use super::{GeotiffSpec, Tag, Value, tags};
 use crate::crs::Definition;
@@ -8,12 +8,12 @@ use crate::geo::{Crs, CrsKind, Geo, GeoKeys};
 /// Radians of a degree.
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
-/// "Described by other keys", where a key wants a code and there is none.
+/// Value of a key that other keys define, for want of a code.
 const USER_DEFINED: u16 = 32767;
 /// The key `GTRasterTypeGeoKey`.
 const RASTER_TYPE: u16 = 1025;
 
-/// All tags of this module that a spec calls for.
+/// All tags of this module that a spec needs.
 pub(super) fn tags(spec: &GeotiffSpec) -> Vec<Tag> {
     let keys = spec.geo.crs.keys.clone().filter(|keys| !keys.directory.is_empty());
     let keys = keys.or_else(|| keys_of(spec.geo));
@@ -38,7 +38,7 @@ pub(super) fn tags(spec: &GeotiffSpec) -> Vec<Tag> {
     tags
 }
 
-/// Tags for a geotransform: scale and tie point where the raster is north-up, a matrix otherwise.
+/// Tags for a geotransform: pixel scale and tie point if the raster is north-up, else a matrix.
 fn place([x0, a, b, y0, d, e]: [f64; 6], is_point: bool) -> Vec<Tag> {
     let (x, y) =
         if is_point { (shifted(x0, a * 0.5 + b * 0.5), shifted(y0, d * 0.5 + e * 0.5)) } else { (x0, y0) };
@@ -52,21 +52,20 @@ fn place([x0, a, b, y0, d, e]: [f64; 6], is_point: bool) -> Vec<Tag> {
     vec![Tag::new(tags::MODEL_TRANSFORMATION, Value::Doubles(matrix))]
 }
 
-/// The number from which a reader that subtracts `half` gets `corner` back, bit for bit if there is
-/// one.
+/// The number from which a reader that subtracts `half` gets `corner` exactly, if there is one.
 fn shifted(corner: f64, half: f64) -> f64 {
     let sum = corner + half;
     let exact = [sum, sum.next_up(), sum.next_down()].into_iter().find(|&x| x - half == corner);
     exact.unwrap_or(sum)
 }
 
-/// Keys for a CRS that came without any, `None` if nothing is known of it.
+/// GeoKeys made from the fields of a CRS; `None` if nothing is known of it.
 fn keys_of(geo: &Geo) -> Option<GeoKeys> {
     let crs = &geo.crs;
     let mut keys = KeyBuilder::default();
     let code = crs.epsg.and_then(|code| u16::try_from(code).ok());
     let model = match crs.kind {
-        // GDAL looks for a CRS as text only where the model is not one of GeoTIFF's own.
+        // GDAL reads a CRS from text only if the model type is user-defined.
         CrsKind::Projected if code.is_none() && !crs.wkt.is_empty() => Some(USER_DEFINED),
         CrsKind::Projected => Some(1),
         CrsKind::Geographic => Some(2),
@@ -92,7 +91,7 @@ fn keys_of(geo: &Geo) -> Option<GeoKeys> {
     keys.finish()
 }
 
-/// Gathers GeoKeys in ascending order.
+/// Collects GeoKeys, in ascending order.
 #[derive(Default)]
 struct KeyBuilder {
     entries: Vec<[u16; 4]>,
@@ -110,8 +109,8 @@ impl KeyBuilder {
         self.doubles.push(value);
     }
 
-    /// Text, closed by the `|` that stands for a NUL; left out if it is empty or too long for a
-    /// key.
+    /// Adds a text, closed by the `|` that stands for a NUL; leaves it out if it is empty or too
+    /// long for a key.
     fn text(&mut self, key: u16, text: &str) {
         if text.is_empty() {
             return;
@@ -119,7 +118,7 @@ impl KeyBuilder {
         self.plain_text(key, &(text.replace('|', "_") + "|"));
     }
 
-    /// Text as it is.
+    /// Adds a text unchanged.
     fn plain_text(&mut self, key: u16, text: &str) {
         if let (Ok(length), Ok(start)) = (u16::try_from(text.len()), u16::try_from(self.ascii.len())) {
             self.entries.push([key, tags::GEO_ASCII_PARAMS, length, start]);
@@ -127,7 +126,7 @@ impl KeyBuilder {
         }
     }
 
-    /// A geographic CRS without a code: its datum, as far as it is known, or its ellipsoid alone.
+    /// Adds a geographic CRS without a code: its datum if it is known, or only its ellipsoid.
     fn geographic(&mut self, crs: &Crs) {
         let definition = Definition::of(crs);
         let base = definition.as_ref().and_then(|definition| definition.base.as_ref());
@@ -171,8 +170,8 @@ impl KeyBuilder {
         }
     }
 
-    /// A projected CRS without code: its text, which GDAL reads, and its unit. GeoKeys proper would
-    /// need the parameters of the projection.
+    /// Adds a projected CRS without a code: its WKT, which GDAL reads, and its unit. Proper GeoKeys
+    /// would need the parameters of the projection.
     fn projected(&mut self, crs: &Crs) {
         self.short(3072, USER_DEFINED);
         if !crs.wkt.is_empty() {
@@ -191,7 +190,7 @@ impl KeyBuilder {
         if self.entries.is_empty() {
             return None;
         }
-        // GeoTIFF 1.1 where a vertical CRS needs it; 1.0 reads the same otherwise, everywhere.
+        // GeoTIFF 1.1 if a vertical CRS needs it, else 1.0, which every reader accepts.
         let minor = u16::from(self.entries.iter().any(|entry| entry[0] == 4096));
         let mut directory = vec![1, 1, minor, self.entries.len() as u16];
         directory.extend(self.entries.iter().flatten());
@@ -199,7 +198,7 @@ impl KeyBuilder {
     }
 }
 
-/// GDAL's XML for scale, offset and unit; `None` if they say nothing.
+/// GDAL's XML for scale, offset and unit; `None` if these are the defaults.
 fn metadata(spec: &GeotiffSpec) -> Option<String> {
     let mut items = Vec::new();
     if spec.band_offset != 0.0 {
@@ -209,7 +208,7 @@ fn metadata(spec: &GeotiffSpec) -> Option<String> {
         items.push(("SCALE", "scale", gdal_number(spec.band_scale)));
     }
     if !spec.unit.is_empty() {
-        // Twice: GDAL decodes the text of an item once more after parsing the XML.
+        // Escaped twice: GDAL decodes the text of an item once more after parsing the XML.
         items.push(("UNITTYPE", "unittype", xml_escaped(&xml_escaped(spec.unit))));
     }
     if items.is_empty() {
@@ -225,7 +224,7 @@ fn xml_escaped(text: &str) -> String {
     text.replace('\0', "").replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
-/// A number as GDAL writes it, C's `%.17g`: `-32768`, `0.10000000000000001`,
+/// A number as GDAL writes it, by C's `%.17g`: `-32768`, `0.10000000000000001`,
 /// `-3.4028234663852886e+38`, `nan`.
 pub(super) fn gdal_number(value: f64) -> String {
     if value.is_nan() {
@@ -244,7 +243,7 @@ pub(super) fn gdal_number(value: f64) -> String {
     format!("{}e{sign}{:02}", trim_zeros(digits), exponent.unsigned_abs())
 }
 
-/// Without zeros at the end of the fraction, nor a point at the end.
+/// A number without trailing zeros of the fraction, and without a trailing point.
 fn trim_zeros(number: &str) -> &str {
     if number.contains('.') { number.trim_end_matches('0').trim_end_matches('.') } else { number }
 }

@@ -1,5 +1,5 @@
-//! The mask of a GeoTIFF, as GDAL keeps it inside the file: an image of bits behind the samples,
-//! one strip for each batch of rows.
+//! The mask inside a GeoTIFF, as GDAL writes it: a one-bit image behind the samples, with one strip
+//! for each batch of rows.
 
 use std::io::{self, Write};
 
@@ -7,16 +7,16 @@ use flate2::write::ZlibEncoder;
 
 use super::{Tag, Value, tags};
 
-/// Mask of a file that is being written.
+/// The mask of a file that is being written.
 #[derive(Debug)]
 pub(super) struct Mask {
     width: u32,
     height: u32,
     rows_per_strip: u32,
-    /// Rows of bits that no strip holds yet, the first pixel in the highest bit, each row in whole
-    /// bytes.
+    /// Rows of bits not yet in a strip; the first pixel is the highest bit, and each row takes
+    /// whole bytes.
     pending: Vec<u8>,
-    /// Place and size of each strip written so far.
+    /// Offset and size of each strip written so far.
     pub(super) strips: Vec<(u64, u64)>,
 }
 
@@ -42,7 +42,7 @@ impl Mask {
         encoder.finish()
     }
 
-    /// Tags of its directory, without those of the strips.
+    /// Tags of the mask's directory, except those of the strips.
     pub(super) fn tags(&self) -> Vec<Tag> {
         let short = |id, value| Tag::new(id, Value::Shorts(vec![value]));
         let long = |id, value| Tag::new(id, Value::Long(value));

@@ -1,13 +1,13 @@
-//! GeoTIFF writer: heights or a picture, streamed by rows from north to south.
+//! GeoTIFF writer for heights or pictures, by rows from north to south.
 //!
-//! Directory and block index stand in front of the blocks; their size is known before the first
-//! sample comes, so the file is written once, in order, with the directory filled in last. Memory
-//! holds one batch of rows, whatever the height. Blocks of a batch are compressed in parallel; the
-//! bytes do not depend on the number of threads.
+//! Directory and block index stand before the blocks. Their size is known before the first sample,
+//! so the file is written once, in order, and the directory is filled in last. Memory holds one
+//! batch of rows, whatever the height. The blocks of a batch are compressed in parallel; the bytes
+//! do not depend on the number of threads.
 //!
-//! Everything goes to a file beside the target, which [`GeotiffWriter::finish`] renames: a writer
+//! The file is written beside the target, and [`GeotiffWriter::finish`] renames it: a writer
 //! dropped half-way leaves nothing behind. A mask lies between the blocks and has its directory
-//! behind them. Not here: overviews.
+//! behind them. Overviews are not supported.
 
 mod block;
 mod directory;
@@ -29,19 +29,19 @@ use directory::{Tag, Value, tags};
 use mask::Mask;
 pub use stream::BlockEncoder;
 
-/// How blocks are compressed. Both codecs use a predictor: 2 for integers, 3 for floats.
+/// Compression of blocks. Both codecs use a predictor: 2 for integers, 3 for floats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Compression {
-    /// Not at all, and without predictor.
+    /// No compression and no predictor.
     None,
-    /// Zlib stream (compression 8), which every TIFF reader knows.
+    /// Zlib stream (compression 8), which every TIFF reader supports.
     #[default]
     Deflate,
     /// Zstandard (compression 50000): smaller and faster, for libtiff 4.0.10 and later.
     Zstd,
 }
 
-/// What a GeoTIFF is to be; start from [`GeotiffSpec::new`].
+/// Properties of a GeoTIFF to write; start from [`GeotiffSpec::new`].
 #[derive(Clone, Debug)]
 pub struct GeotiffSpec<'a> {
     /// Columns, at least 1.
@@ -50,15 +50,15 @@ pub struct GeotiffSpec<'a> {
     pub height: u32,
     /// Type of the samples.
     pub sample_type: SampleType,
-    /// Samples of a pixel, which stand together: 1, or of a picture of bytes 2 (grey, alpha), 3
-    /// (red, green, blue) or 4 (and alpha).
+    /// Interleaved samples of a pixel: 1, or for a picture of bytes 2 (grey, alpha), 3 (red, green,
+    /// blue) or 4 (red, green, blue, alpha).
     pub bands: u16,
     /// Value that means void (tag `GDAL_NODATA`).
     pub nodata: Option<f64>,
-    /// True if rows come with a mask, which then says alone what is void: GDAL does not look at
-    /// `nodata` where there is one.
+    /// True if rows come with a mask. The mask alone then defines voids: GDAL ignores `nodata`
+    /// beside it.
     pub mask: bool,
-    /// Where the raster lies. Its GeoKeys are written back as they are, or made from the EPSG code.
+    /// Georeference. Its GeoKeys are written unchanged, or made from the EPSG code.
     pub geo: &'a Geo,
     /// GDAL scale: `real = band_offset + band_scale * sample`.
     pub band_scale: f64,
@@ -77,8 +77,8 @@ pub struct GeotiffSpec<'a> {
 }
 
 impl<'a> GeotiffSpec<'a> {
-    /// Deflated strips, no nodata value, no mask, scale 1, offset 0, no unit; nothing is
-    /// overwritten.
+    /// Deflated strips without nodata value, mask or unit, scale 1, offset 0; an existing file is
+    /// not replaced.
     pub fn new(width: u32, height: u32, sample_type: SampleType, geo: &'a Geo) -> Self {
         Self {
             width,
@@ -99,12 +99,12 @@ impl<'a> GeotiffSpec<'a> {
     }
 }
 
-/// Bytes of pixel data from which offsets take 64 bits: 3.9 GiB, which leaves room for data that
-/// will not compress.
+/// Bytes of pixel data from which on offsets take 64 bits: 3.9 GiB, which leaves room for data that
+/// does not compress.
 const BIGTIFF_FROM: u64 = 3993 << 20;
-/// Bytes of samples that are gathered before they are compressed, in parallel and together.
+/// Bytes of samples in a batch, which is compressed in parallel.
 const BATCH_BYTES: u64 = 8 << 20;
-/// Bytes for the place of a block: while others are written, and in the directory as it is made.
+/// Bytes for the place of a block, while others are written and while the directory is made.
 const INDEX: u64 = 80;
 
 /// Writes one GeoTIFF; see the module.
@@ -115,8 +115,10 @@ const INDEX: u64 = 80;
 /// use relevo::{sample::SampleType, source::Samples};
 ///
 /// let path = std::env::temp_dir().join(format!("relevo-doc-{}.tif", std::process::id()));
-/// let geo = Geo { transform: Some([500_000.0, 30.0, 0.0, 5_000_000.0, 0.0, -30.0]), ..Geo::default() };
-/// let mut writer = GeotiffWriter::create(&path, &GeotiffSpec::new(2, 2, SampleType::Int16, &geo))?;
+/// let transform = Some([500_000.0, 30.0, 0.0, 5_000_000.0, 0.0, -30.0]);
+/// let geo = Geo { transform, ..Geo::default() };
+/// let spec = GeotiffSpec::new(2, 2, SampleType::Int16, &geo);
+/// let mut writer = GeotiffWriter::create(&path, &spec)?;
 /// writer.write_rows(&Samples::Int16(vec![1, 2]))?;
 /// writer.write_rows(&Samples::Int16(vec![3, 4]))?;
 /// assert_eq!(writer.finish()?, std::fs::metadata(&path).unwrap().len());
@@ -130,20 +132,20 @@ pub struct GeotiffWriter {
     /// All tags but the block index.
     tags: Vec<Tag>,
     big: bool,
-    /// Little-endian samples of whole rows that no block holds yet.
+    /// Little-endian samples of whole rows that are not in a block yet.
     pending: Vec<u8>,
     batch_rows: u32,
     rows_taken: u32,
-    /// Place and size of each block written so far; of a sparse file of each that it can have.
+    /// Offset and size of each block written so far; in a sparse file, of every block.
     blocks: Vec<(u64, u64)>,
     sparse: bool,
     mask: Option<Mask>,
-    /// Where the next block goes.
+    /// Offset of the next block.
     position: u64,
     output: NewFile,
 }
 
-/// Rows that are written at a time: whole blocks, of [`BATCH_BYTES`] if they are not larger.
+/// Rows of a batch: whole blocks, of [`BATCH_BYTES`] unless one row of blocks is larger.
 fn batch_rows(grid: &BlockGrid) -> u32 {
     let block = u64::from(grid.block_height);
     ((BATCH_BYTES / grid.row_bytes() / block).max(1) * block).min(grid.height.into()) as u32
@@ -162,8 +164,8 @@ impl GeotiffWriter {
         Self::begin(path, spec, grid)
     }
 
-    /// Begins a file of tiles that come in any order, by [`GeotiffWriter::put_block`]: those that
-    /// do not are not in the file, and are void.
+    /// Begins a file of tiles, to be written in any order by [`GeotiffWriter::put_block`]. Tiles
+    /// that are not written are missing from the file, and void.
     ///
     /// # Errors
     /// As [`GeotiffWriter::create`].
@@ -176,8 +178,8 @@ impl GeotiffWriter {
         Ok(writer)
     }
 
-    /// Bytes of memory that writing a file of rows takes at most, beside the rows that it is given:
-    /// a batch of them, as blocks and as the file has them, and the place of each block.
+    /// Most bytes of memory that writing a file by rows takes, besides the rows passed in: a batch
+    /// of rows, raw and compressed, and the place of each block.
     pub fn memory(spec: &GeotiffSpec) -> u64 {
         let Ok(grid) = BlockGrid::of_blocks(spec) else { return 0 };
         let batch = u64::from(batch_rows(&grid)) * grid.row_bytes();
@@ -211,20 +213,18 @@ impl GeotiffWriter {
         })
     }
 
-    /// Appends whole rows: a multiple of the width (times the bands), in the type of the spec.
+    /// Writes whole rows: a multiple of the width (times the bands), in the spec's sample type.
     ///
-    /// # Errors
-    /// [`Error::Usage`] for samples of another type, for a part of a row, for more rows than the
-    /// spec says, and if it wants a mask.
+    /// # Errors [`Error::Usage`] for samples of another type, for part of a row, for more rows than
+    /// the spec has, and if the spec has a mask.
     pub fn write_rows(&mut self, samples: &Samples) -> Result<()> {
         self.take(samples, None)
     }
 
-    /// [`GeotiffWriter::write_rows`] with a mask, true where a pixel is valid, of which the spec
-    /// must have told.
+    /// Writes whole rows as [`GeotiffWriter::write_rows`] does, with a mask that is true where a
+    /// pixel is valid; the spec must have a mask.
     ///
-    /// # Errors
-    /// As there, and for a mask of another size.
+    /// # Errors As for `write_rows`, and for a mask of another size.
     pub fn write_masked_rows(&mut self, samples: &Samples, valid: &[bool]) -> Result<()> {
         self.take(samples, Some(valid))
     }
@@ -267,10 +267,9 @@ impl GeotiffWriter {
         Ok(())
     }
 
-    /// Completes the file under its name and returns its size in bytes.
+    /// Completes the file, renames it to its final name, and returns its size in bytes.
     ///
-    /// # Errors
-    /// [`Error::Usage`] if rows are missing or if the target has come into being meanwhile.
+    /// # Errors [`Error::Usage`] if rows are missing, or if the target was created in the meantime.
     pub fn finish(mut self) -> Result<u64> {
         if self.rows_taken != self.grid.height && !self.sparse {
             return Err(Error::usage(format!(
@@ -286,7 +285,7 @@ impl GeotiffWriter {
         Ok(self.position)
     }
 
-    /// Writes the directory of the mask behind all blocks; gives its place.
+    /// Writes the directory of the mask behind all blocks; returns its offset.
     fn finish_mask(&mut self) -> Result<Option<u64>> {
         let Some(mask) = &self.mask else { return Ok(None) };
         let place = self.position.next_multiple_of(8);
@@ -296,7 +295,7 @@ impl GeotiffWriter {
         Ok(Some(place))
     }
 
-    /// Compresses the pending rows, all at once, and writes the blocks in order.
+    /// Compresses the pending rows in parallel, and writes the blocks in order.
     fn write_batch(&mut self) -> Result<()> {
         let rows = (self.pending.len() as u64 / self.grid.row_bytes()) as u32;
         let blocks: Vec<Vec<u8>> = (0..self.grid.blocks_in(rows))
@@ -318,7 +317,7 @@ impl GeotiffWriter {
         Ok(())
     }
 
-    /// Appends the bytes of a block; gives its place and size.
+    /// Appends the bytes of a block; returns its offset and size.
     fn append(&mut self, block: &[u8]) -> Result<(u64, u64)> {
         let bytes = block.len() as u64;
         if !self.big && self.position + bytes > u64::from(u32::MAX) {
@@ -335,7 +334,7 @@ impl GeotiffWriter {
         Ok(place)
     }
 
-    /// Writes what [`BlockEncoder::finish`] gave as the tile of a number, row by row from the
+    /// Writes a tile encoded by [`BlockEncoder::finish`]. Tiles are numbered row by row from the
     /// north-west.
     pub fn put_block(&mut self, number: u64, block: &[u8]) -> Result<()> {
         let count = self.blocks.len();

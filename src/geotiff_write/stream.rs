@@ -1,4 +1,4 @@
-//! A tile of a GeoTIFF that comes in parts, so that only what is packed of it is in memory as a
+//! A tile of a GeoTIFF given in parts, of which only the compressed bytes are held in memory as a
 //! whole.
 
 use std::io::{self, Write};
@@ -11,7 +11,7 @@ use super::{Compression, GeotiffWriter};
 use crate::error::{Error, Result};
 use crate::source::Samples;
 
-/// Where the bytes of a tile go.
+/// Destination of a tile's bytes.
 enum Sink {
     Plain(Vec<u8>),
     Deflate(ZlibEncoder<Vec<u8>>),
@@ -46,11 +46,12 @@ impl Sink {
     }
 }
 
-/// A tile that is given row by row from the north-west, padded where it sticks out of the raster.
+/// A tile that is given row by row from the north-west, with padding where it extends beyond the
+/// raster.
 pub struct BlockEncoder<'a> {
     writer: &'a GeotiffWriter,
     sink: Sink,
-    /// Samples taken.
+    /// Number of samples so far.
     taken: usize,
     bytes: Vec<u8>,
 }
@@ -72,12 +73,12 @@ impl GeotiffWriter {
 }
 
 impl BlockEncoder<'_> {
-    /// Takes whole rows.
+    /// Appends whole rows.
     pub fn put(&mut self, samples: &Samples) -> Result<()> {
         self.repeat(samples, 1)
     }
 
-    /// Takes the same rows so many times.
+    /// Appends the same rows `times` times.
     pub fn repeat(&mut self, samples: &Samples, times: usize) -> Result<()> {
         let (writer, row) = (self.writer, self.writer.row_of_block());
         let grid: &BlockGrid = &writer.grid;
@@ -97,7 +98,7 @@ impl BlockEncoder<'_> {
         put.map_err(|source| writer.failed(source))
     }
 
-    /// The tile as it will be in the file.
+    /// The encoded tile.
     pub fn finish(self) -> Result<Vec<u8>> {
         let side = self.writer.row_of_block() * self.writer.grid.block_height as usize;
         if self.taken != side {
