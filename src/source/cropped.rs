@@ -1,5 +1,5 @@
-//! A part of a raster as a raster of its own: the samples whose pixels a box touches. No other
-//! sample is read.
+//! A part of a raster as a source of its own: the samples whose pixels a box touches. Only these
+//! are read.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -10,9 +10,10 @@ use crate::crs::projection::Between;
 use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind, Geo};
 
-/// Points of a side of a box that are taken to another system: straight lines bend there.
+/// Points along each side of a box when it is converted to another system, in which its sides may
+/// be curved.
 const POINTS: u32 = 64;
-/// A pixel that a box covers by less than this share of it is not touched: that is rounding.
+/// A pixel is not touched if the box covers less than this share of it: that is rounding.
 const TOUCH: f64 = 1e-6;
 
 /// A box in world coordinates.
@@ -20,7 +21,7 @@ const TOUCH: f64 = 1e-6;
 pub struct Bbox {
     /// West, south, east and north.
     pub bounds: [f64; 4],
-    /// The system of these numbers, as `EPSG:n` or WKT; `None`: that of the raster.
+    /// Coordinate system of these numbers, as `EPSG:n` or WKT; `None`: that of the raster.
     pub crs: Option<String>,
 }
 
@@ -58,11 +59,11 @@ impl Bbox {
         Ok(Rect { columns, rows })
     }
 
-    /// The box that holds this one, in the coordinates of a raster.
+    /// The bounding box of this one in the coordinate system of a raster.
     fn in_system_of(&self, geo: &Geo, (width, height): (u32, u32)) -> Result<[f64; 4]> {
         let system = self.crs.as_deref().map(crs::read).transpose()?;
         let [west, _, east, _] = self.bounds;
-        // Of longitudes that is a box over the antimeridian.
+        // West above east is a box across the antimeridian only if the numbers are longitudes.
         if west > east && system.as_ref().unwrap_or(&geo.crs).kind != CrsKind::Geographic {
             let what = format!(
                 "a box whose west ({west}) is east of its east ({east}): expected west, south, east, north"
@@ -77,7 +78,7 @@ impl Bbox {
     }
 }
 
-/// Over the antimeridian the east is a number below the west.
+/// The box with its east above its west, by a whole turn if it crosses the antimeridian.
 fn unrolled([west, south, east, north]: [f64; 4], crs: &Crs) -> [f64; 4] {
     let turn = if crs.kind == CrsKind::Geographic && east < west { turn(crs) } else { 0.0 };
     [west, south, east + turn, north]
@@ -88,8 +89,8 @@ fn turn(crs: &Crs) -> f64 {
     std::f64::consts::TAU / crs.unit
 }
 
-/// A raster of degrees may begin at 0 or at -180: the box is moved by whole turns to where they
-/// meet.
+/// The box moved by whole turns to where it meets the raster, whose longitudes may begin at 0 or at
+/// -180.
 fn turned(bounds: [f64; 4], geo: &Geo, raster: [f64; 4]) -> [f64; 4] {
     if geo.crs.kind != CrsKind::Geographic {
         return bounds;
@@ -97,13 +98,13 @@ fn turned(bounds: [f64; 4], geo: &Geo, raster: [f64; 4]) -> [f64; 4] {
     let turn = turn(&geo.crs);
     let moved = |by: f64| [bounds[0] + by, bounds[1], bounds[2] + by, bounds[3]];
     let common = |bounds: &[f64; 4]| bounds[2].min(raster[2]) - bounds[0].max(raster[0]);
-    // The first of equals: the box as it stands.
+    // Of equal overlaps the first wins: the box unmoved.
     let better = |best: [f64; 4], next: [f64; 4]| if common(&next) > common(&best) { next } else { best };
     [-turn, turn].map(moved).into_iter().fold(bounds, better)
 }
 
-/// The smallest box around a box of another system, whose sides and inside are followed point by
-/// point.
+/// The bounding box, in system `to`, of points along the sides and inside of a box in system
+/// `from`.
 fn converted(bounds: [f64; 4], from: &Crs, to: &Crs) -> Result<[f64; 4]> {
     let [west, south, east, north] = unrolled(bounds, from);
     let between = Between::new(from, to)?;
@@ -114,7 +115,7 @@ fn converted(bounds: [f64; 4], from: &Crs, to: &Crs) -> Result<[f64; 4]> {
             let share = |k: u32| f64::from(k) / f64::from(POINTS);
             let (x, y) = (west + share(i) * (east - west), south + share(j) * (north - south));
             let Some((mut x, y)) = between.convert(x, y) else { continue };
-            // Longitudes go on over the antimeridian.
+            // Longitudes continue across the antimeridian.
             if let (CrsKind::Geographic, Some(before)) = (to.kind, before) {
                 let turn = turn(to);
                 x += ((before - x) / turn).round() * turn;
@@ -131,7 +132,7 @@ fn converted(bounds: [f64; 4], from: &Crs, to: &Crs) -> Result<[f64; 4]> {
     Ok(found)
 }
 
-/// Georeference of a part: its first sample is where it was.
+/// Georeference of a part: its samples keep their coordinates.
 pub fn part_geo(geo: &Geo, part: &Rect) -> Geo {
     let (column, row) = (f64::from(part.columns.start), f64::from(part.rows.start));
     let transform = geo
@@ -140,7 +141,7 @@ pub fn part_geo(geo: &Geo, part: &Rect) -> Geo {
     Geo { transform, ..geo.clone() }
 }
 
-/// A window of a raster.
+/// A window of a raster as a source.
 struct Cropped {
     info: SourceInfo,
     part: Rect,
@@ -174,7 +175,7 @@ pub fn apply(source: Box<dyn Source>, bbox: &Bbox) -> Result<Box<dyn Source>> {
     Ok(Box::new(Cropped { info, part, source }))
 }
 
-/// What of a rectangle lies in a part, counted from its corner.
+/// The intersection of a rectangle and a part, in columns and rows of the part.
 fn common(rect: &Rect, part: &Rect) -> Option<Rect> {
     let side = |a: &Range<u32>, b: &Range<u32>| {
         let (from, to) = (a.start.max(b.start), a.end.min(b.end));

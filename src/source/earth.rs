@@ -1,33 +1,31 @@
-//! What a place says that the Earth contradicts.
+//! Checks of a georeference against the size and shape of the Earth.
 //!
-//! Only blatant things: each is more often a file that is wrong about itself than a place. A
-//! warning says what was found, where, and what can be done; numbers that cannot be worked with at
-//! all are refused.
+//! Only blatant contradictions are reported: each is more often a mistake in the file than a real
+//! place. A warning says what was found, where, and what can be done; a georeference that cannot be
+//! computed with is refused.
 
 use super::SourceInfo;
 use crate::crs::Definition;
 use crate::error::{Error, Result};
 use crate::geo::{CrsKind, Geo};
 
-/// A body that is taken for the Earth: its radius to within a hundredth.
+/// Radii in metres of a body that is taken for the Earth: to about a hundredth.
 const EARTH: std::ops::Range<f64> = 6.3e6..6.45e6;
-/// Metres of a pixel that no raster of the Earth needs.
+/// Largest pixel side in metres that a raster of the Earth can need.
 const LARGEST_PIXEL: f64 = 200_000.0;
-/// Degrees beyond which longitudes are no longer those of a raster that begins somewhere else than
-/// at -180.
+/// Degrees beyond which a longitude is wrong even in a raster that begins elsewhere than at -180.
 const FARTHEST_LONGITUDE: f64 = 540.0;
-/// Metres that no coordinate of a projection of the Earth exceeds: half a turn, and as much again
-/// for a false origin.
+/// Largest plausible coordinate of a projection of the Earth, in metres: half its circumference,
+/// and as much again for a false origin.
 const FARTHEST: f64 = 4.1e7;
-/// Metres from the middle of a zone of 6 degrees beyond which transverse Mercator is not what was
-/// meant.
+/// Metres from the middle of a zone of 6 degrees beyond which transverse Mercator was not meant.
 const FARTHEST_IN_ZONE: f64 = 3.0e6;
 
-/// What to do about a place that cannot be.
+/// Advice for an impossible georeference.
 const MEND: &str = "state it anew with gdal_edit.py (-a_srs, -a_ullr) if that is wrong";
 
-/// Refuses a place whose numbers overflow: what is derived from them could not be written, nor read
-/// again.
+/// Refuses a georeference whose derived numbers overflow: they could neither be written nor read
+/// back.
 pub(super) fn check(info: &SourceInfo) -> Result<()> {
     let geo = &info.geo;
     let Some(transform) = geo.transform else { return Ok(()) };
@@ -35,7 +33,7 @@ pub(super) fn check(info: &SourceInfo) -> Result<()> {
     let bounds = geo.bounds(info.width, info.height);
     let size = [bounds[2] - bounds[0], bounds[3] - bounds[1], spacing.dx, spacing.dy];
     let finite = transform.iter().chain(&bounds).chain(&size).all(|value| value.is_finite());
-    // Squares of metres are taken on the way to errors.
+    // Errors are computed from squares of metres.
     if finite && size.iter().all(|value| value.abs() < 1e100) {
         return Ok(());
     }
@@ -46,7 +44,7 @@ pub(super) fn check(info: &SourceInfo) -> Result<()> {
     ))
 }
 
-/// Warnings about the place of a raster.
+/// Warnings about the georeference of a raster.
 pub(super) fn doubts(info: &SourceInfo) -> Vec<String> {
     let geo = &info.geo;
     let body = geo.crs.ellipsoid.a;
@@ -67,8 +65,8 @@ pub(super) fn doubts(info: &SourceInfo) -> Vec<String> {
     found
 }
 
-/// Of longitudes and latitudes. Pixels reach over a pole by half of their height where samples
-/// stand on it.
+/// Warnings about longitudes and latitudes. A pixel reaches over a pole by half of its height if
+/// its sample stands on the pole.
 fn degrees(geo: &Geo, [west, south, east, north]: [f64; 4]) -> Vec<String> {
     let unit = geo.crs.unit.to_degrees();
     let [_, a, b, _, d, e] = geo.transform_or_identity();
@@ -94,7 +92,7 @@ fn degrees(geo: &Geo, [west, south, east, north]: [f64; 4]) -> Vec<String> {
     found
 }
 
-/// Of coordinates in a plane.
+/// Warnings about coordinates in a plane.
 fn metres(geo: &Geo, bounds: [f64; 4]) -> Vec<String> {
     let [west, south, east, north] = bounds.map(|value| value * geo.crs.unit);
     let farthest = [west, south, east, north].into_iter().fold(0.0, |most: f64, value| most.max(value.abs()));

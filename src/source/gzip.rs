@@ -1,11 +1,10 @@
-//! Gzipped files, `dem.tif.gz` and `N44W072.hgt.gz`: their content as a file that can be read by
+//! Gzipped files such as `dem.tif.gz` and `N44W072.hgt.gz`, unpacked so that they can be read by
 //! position.
 //!
-//! Blocks of a raster are read in any order and a stream of gzip can only be read from its start,
-//! so the content is unpacked, into a file without a name in the system's folder for temporary
-//! files (`TMPDIR`). It is gone when it is closed, also if the program is killed. Everything else
-//! knows the gzipped file only: messages and the container name it, and its stamp is what tells
-//! whether it has changed.
+//! Blocks of a raster are read in any order, a gzip stream only from its start. So the content is
+//! unpacked into a file without a name in the system's temporary folder (`TMPDIR`), which
+//! disappears when it is closed, even if the program is killed. Messages and the container name the
+//! gzipped file, and its stamp tells whether the source has changed.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Write};
@@ -16,26 +15,26 @@ use flate2::bufread::MultiGzDecoder;
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 
-/// What a gzipped file begins with.
+/// First bytes of a gzipped file.
 const MAGIC: [u8; 3] = [0x1F, 0x8B, 8];
 
-/// Where the damage is of a gzipped file that cannot be unpacked.
+/// Place in errors about a damaged gzipped file.
 pub(super) const PLACE: &str = "gzip";
 
 /// Bytes that are unpacked at a time.
 const CHUNK: usize = 1 << 20;
 
-/// A file as it is read.
+/// A file opened for reading, unpacked if it was gzipped.
 pub(super) struct Content {
-    /// The file, or one with its content.
+    /// The file itself, or the temporary file with its content.
     pub(super) file: File,
-    /// Bytes of it.
+    /// Length of `file` in bytes.
     pub(super) length: u64,
     /// True if it was unpacked.
     pub(super) is_gzipped: bool,
 }
 
-/// Opens a file, unpacked if it is gzipped.
+/// Opens a file; a gzipped one is unpacked.
 pub(super) fn open(path: &Path, limits: &Limits) -> Result<Content> {
     let mut file = crate::file::open(path).map_err(|error| Error::io(path, "open", error))?;
     let length = file.metadata().map_err(|error| Error::io(path, "look at", error))?.len();
@@ -51,7 +50,7 @@ pub(super) fn open(path: &Path, limits: &Limits) -> Result<Content> {
     Ok(Content { file, length, is_gzipped: true })
 }
 
-/// A file as a stream from its start, unpacked if it is gzipped; and whether it is.
+/// A file as a stream, unpacked if it is gzipped, and whether it is gzipped.
 pub(super) fn stream(path: &Path) -> Result<(Box<dyn Read>, bool)> {
     let open = || crate::file::open(path).map_err(|error| Error::io(path, "open", error));
     let mut start = Vec::new();
@@ -64,7 +63,7 @@ pub(super) fn stream(path: &Path) -> Result<(Box<dyn Read>, bool)> {
     Ok((if is_gzipped { Box::new(MultiGzDecoder::new(file)) } else { Box::new(file) }, is_gzipped))
 }
 
-/// What went wrong with a stream of [`stream`]: the system, or the file.
+/// The error for a failed read from a stream of [`stream`]: of the system or of the file.
 pub(super) fn read_error(path: &Path, error: io::Error) -> Error {
     match error.kind() {
         io::ErrorKind::UnexpectedEof | io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData => {
@@ -75,7 +74,7 @@ pub(super) fn read_error(path: &Path, error: io::Error) -> Error {
     }
 }
 
-/// The content of a gzipped file and its length.
+/// The content of a gzipped file in a temporary file, and its length.
 fn unpack(path: &Path, most: u64) -> Result<(File, u64)> {
     let folder = std::env::temp_dir();
     let write_error = |error: io::Error| {
@@ -86,7 +85,7 @@ fn unpack(path: &Path, most: u64) -> Result<(File, u64)> {
         Error::io(&folder, action, error)
     };
     let mut out = tempfile::tempfile_in(&folder).map_err(write_error)?;
-    // The last part of the disk is left to others.
+    // A part of the free disk is left for other programs.
     let room = free(&out).map_or(u64::MAX, |free| free - free / 8);
     let mut from = stream(path)?.0;
     let mut buffer = vec![0; CHUNK];
@@ -110,14 +109,14 @@ fn unpack(path: &Path, most: u64) -> Result<(File, u64)> {
     Ok((out, length))
 }
 
-/// Bytes that the disk of a file has left; `None` if the system does not say.
+/// Free bytes on the disk of a file; `None` if the system does not say.
 #[cfg(unix)]
 fn free(file: &File) -> Option<u64> {
     let disk = rustix::fs::fstatvfs(file).ok()?;
     disk.f_bavail.checked_mul(disk.f_frsize)
 }
 
-/// Bytes that the disk of a file has left: this system is not asked.
+/// Free bytes on the disk of a file; not known on this system.
 #[cfg(not(unix))]
 fn free(_: &File) -> Option<u64> {
     None
@@ -142,7 +141,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("numbers.gz");
         let bytes: Vec<u8> = (0..3_000_000_u32).map(|n| (n.wrapping_mul(n) >> 11) as u8).collect();
-        // Two streams after one another are one file.
+        // Two gzip streams one after the other make one file.
         let packed = [gzipped(&bytes[..1_000_000]), gzipped(&bytes[1_000_000..])].concat();
         std::fs::write(&path, &packed).expect("write");
         let limits = Limits::default();

@@ -1,9 +1,9 @@
-//! SRTM tiles, natively: `N44W072.hgt`, big-endian 16-bit metres of one square degree, row by row
-//! from the north.
+//! SRTM tiles, read natively: `N44W072.hgt`, big-endian 16-bit metres of one square degree, row by
+//! row from the north.
 //!
-//! The name is all the georeference there is: the south-western corner, a sample at each corner of
-//! the degree. As to GDAL, a `.aux.xml` beside it can say scale and offset, and no more. A tile may
-//! be gzipped, `N44W072.hgt.gz`, as they are often given out.
+//! The name is the only georeference: it gives the south-western corner, and a sample stands on
+//! each corner of the degree. As in GDAL, a `.aux.xml` beside the tile can give scale and offset,
+//! and nothing else. A tile may be gzipped (`N44W072.hgt.gz`), as tiles are often published.
 
 use std::fs::File;
 use std::io;
@@ -21,24 +21,24 @@ use crate::geo::{CrsKind, Geo};
 use crate::limits::Limits;
 use crate::sample::SampleType;
 
-/// The value of a void.
+/// The sample value that means void.
 const VOID: i16 = -32768;
-/// Columns and rows of the tiles that are no squares: north of 50 degrees, where meridians are
-/// close.
+/// Columns and rows of the tiles that are not square: those north of 50 degrees, where meridians
+/// are close.
 const NARROW: (u64, u64) = (1801, 3601);
 
-/// An SRTM tile.
+/// An SRTM tile as a source.
 pub struct HgtSource {
     path: PathBuf,
     file: File,
     info: SourceInfo,
-    /// Files that say what the tile is.
+    /// Files beside the tile that were read.
     beside: Vec<PathBuf>,
 }
 
 impl HgtSource {
-    /// Opens a tile, whose name must say where it lies and whose length must be that of a square
-    /// (or 1801 x 3601).
+    /// Opens a tile. Its name must give its place, and its length must be that of a square (or of
+    /// 1801 x 3601).
     pub fn open(path: &Path, limits: &Limits) -> Result<Self> {
         let (latitude, longitude) = corner(&file_name(path)).map_err(|error| error.at(path))?;
         let gzip::Content { file, length, is_gzipped } = gzip::open(path, limits)?;
@@ -73,7 +73,7 @@ impl HgtSource {
             footprint: None,
             overlap: None,
             block_rows: 1,
-            // Bytes of the file and samples.
+            // The bytes of the file, and the samples made of them.
             reading: ReadMemory::plain(4),
             warnings: account.warnings,
             origins,
@@ -153,7 +153,7 @@ fn corner(name: &str) -> Result<(f64, f64)> {
     Ok((degrees(0..3, 'N', 'S', -90, 89)?, degrees(3..7, 'E', 'W', -180, 179)?))
 }
 
-/// Columns and rows of a tile of so many bytes.
+/// Columns and rows of a tile that is `bytes` long.
 fn size(bytes: u64, limits: &Limits) -> Result<(u32, u32)> {
     if bytes == 2 * NARROW.0 * NARROW.1 {
         return Ok((NARROW.0 as u32, NARROW.1 as u32));

@@ -1,14 +1,16 @@
-//! What a file is that is read by nothing here, by its first bytes: each is refused by its name.
+//! Recognises files that are not read here by their first bytes, so that the refusal names their
+//! format.
 //!
-//! The bytes themselves are never told: a virtual raster may name any file of its reader's.
+//! Messages never contain the bytes themselves: a virtual raster may name any file that its reader
+//! can open.
 
 use super::open::NEEDS_GDAL;
 use crate::error::Error;
 
-/// Bytes of a file that tell what it is: a virtual raster may have comments in front.
+/// Bytes read to recognise a file: a virtual raster may begin with comments.
 pub(super) const LOOK: usize = 1024;
 
-/// First bytes of files that GDAL reads, and what they are; of `.` there may be any byte.
+/// First bytes and names of formats that GDAL reads; `.` stands for any byte.
 const RASTERS: [(&[u8], &str); 17] = [
     (b"\x89PNG", "a PNG picture"),
     (b"\xFF\xD8\xFF", "a JPEG picture"),
@@ -35,7 +37,7 @@ const GRIDS: [&str; 16] = [
     "ccsd", "isg", "!", "<",
 ];
 
-/// First bytes of files that are no rasters of anyone's, and what they are.
+/// First bytes and names of formats that are not rasters.
 const OTHERS: [(&[u8], &str); 7] = [
     (b"%PDF", "a PDF document"),
     (b"\x7FELF", "a program"),
@@ -46,7 +48,7 @@ const OTHERS: [(&[u8], &str); 7] = [
     (b"\xFD7zXZ", "a file packed with xz"),
 ];
 
-/// Why a file is not read that begins with these bytes.
+/// The error for a file that begins with these bytes.
 pub(super) fn refusal(start: &[u8]) -> Error {
     let begins = |(magic, _): &&(&[u8], &str)| {
         start.len() >= magic.len() && magic.iter().zip(start).all(|(&m, &byte)| m == byte || m == b'.')
@@ -85,7 +87,7 @@ pub(super) fn refusal(start: &[u8]) -> Error {
     }
 }
 
-/// True if a text begins as a USGS DEM does, by the fields that GDAL looks at: level 1 or 4, a
+/// True if a text begins as a USGS DEM does, in the fields that GDAL looks at: level 1 or 4, a
 /// planimetric system.
 fn is_usgs_dem(start: &[u8]) -> bool {
     let field = |from: usize| start.get(from..from + 6).unwrap_or_default();
@@ -93,11 +95,11 @@ fn is_usgs_dem(start: &[u8]) -> bool {
     [&b"     1"[..], b"     4"].contains(&field(150)) && systems.contains(&field(156))
 }
 
-/// The first word of a text in small letters; `None` unless it is a text.
+/// The first word of a text in lower case; `None` if the bytes are not text.
 fn first_word(start: &[u8]) -> Option<String> {
     let text = match std::str::from_utf8(start) {
         Ok(text) => text,
-        // What is cut off at the end may be half a letter.
+        // The last character may be cut off.
         Err(error) if error.error_len().is_none() => {
             std::str::from_utf8(&start[..error.valid_up_to()]).ok()?
         }
@@ -108,8 +110,8 @@ fn first_word(start: &[u8]) -> Option<String> {
     (is_text && start.len() >= 2).then(|| word.to_lowercase())
 }
 
-/// True if a text that begins with a word may be a raster to GDAL: one of its formats, or columns
-/// of numbers.
+/// True if GDAL may read a text that begins with this word as a raster: one of its formats, or
+/// columns of numbers.
 fn is_grid(word: &str) -> bool {
     let word_of_numbers = word.split([',', ';']).all(|part| part.parse::<f64>().is_ok());
     word_of_numbers

@@ -1,30 +1,29 @@
-//! XML out of files: parsed only if it cannot keep the parser busy.
+//! Parses XML from files, within bounds that keep the parser fast.
 //!
 //! The parser compares every attribute of an element with those before it, and every namespace with
-//! all others: a document of some megabytes that is nothing else would take hours. No XML of GDAL's
-//! has more than a few.
+//! all others, so a few megabytes of them would take hours. GDAL's XML has only a few of either.
 
 use roxmltree::{Document, ParsingOptions};
 
 use crate::error::{Error, Result};
 
-/// Attributes of one element, at most.
+/// Most attributes of one element.
 const ATTRIBUTES: u64 = 256;
-/// Namespaces of a document, at most.
+/// Most namespaces of a document.
 const NAMESPACES: u64 = 64;
 
-/// Parses a document that was read from a file and is not too long.
+/// Parses a document. The caller bounds its length.
 pub(super) fn parse(text: &str) -> Result<Document<'_>> {
     check(text)?;
-    // Each node has a byte or more.
+    // Each node takes at least a byte.
     let nodes_limit = u32::try_from(text.len()).unwrap_or(u32::MAX).max(1);
     let options = ParsingOptions { nodes_limit, ..ParsingOptions::default() };
     let damaged = |error| Error::format("XML", "a well-formed document", error);
     Document::parse_with_options(text, options).map_err(damaged)
 }
 
-/// Refuses a document with many attributes in an element, or many namespaces. What is no XML is
-/// left to the parser, which goes no further than this does.
+/// Refuses a document with too many attributes in an element, or too many namespaces. Text that is
+/// not XML is left to the parser, which stops at the same place.
 fn check(text: &str) -> Result<()> {
     let namespaces = text.matches("xmlns").count() as u64;
     if namespaces > NAMESPACES {
@@ -42,7 +41,7 @@ fn check(text: &str) -> Result<()> {
     Ok(())
 }
 
-/// The length of the tag at the start of a text.
+/// Length of the tag at the start of a text.
 fn tag(text: &str) -> Result<usize> {
     let (mut quote, mut attributes) = (None, 0);
     for (at, byte) in text.bytes().enumerate() {
@@ -81,7 +80,7 @@ mod tests {
             |count: usize| (0..count).map(|n| format!("<a xmlns:n{n}='u{n}'/>")).collect::<Vec<_>>().concat();
         assert!(parse(&format!("<a>{}</a>", spaces(64))).is_ok());
         assert!(matches!(parse(&format!("<a>{}</a>", spaces(65))), Err(Error::Limit { .. })));
-        // Of what is cut off the parser says so; what stands before the cut is counted.
+        // The parser refuses a document that is cut off; what stands before the cut is counted.
         assert!(matches!(parse("<a b='"), Err(Error::Format { .. })));
         assert!(matches!(parse(&format!("<a{} c='", attributes(300))), Err(Error::Limit { .. })));
         for text in ["", "<", "<!--", "<![CDATA[", "a<b", "<a>\u{FEFF}</a><"] {

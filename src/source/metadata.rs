@@ -1,12 +1,11 @@
-//! The texts that GDAL keeps beside samples: nodata, scale, offset, and the name of the vertical
-//! unit.
+//! Values that GDAL keeps beside samples: nodata, scale, offset, and the vertical unit.
 
 use super::unit;
 use crate::error::{Error, Result};
 use crate::sample::SampleType;
 
-/// A number as GDAL reads it from text: the longest prefix that is one; `None` where there is none
-/// at all.
+/// A number as GDAL reads it from text: the longest prefix that is a number; `None` if there is
+/// none.
 pub(crate) fn number(text: &str) -> Option<f64> {
     let text = text.trim_start().replace(',', ".");
     let signed = text.strip_prefix(['-', '+']).unwrap_or(&text);
@@ -15,24 +14,24 @@ pub(crate) fn number(text: &str) -> Option<f64> {
         let value = if infinite { f64::INFINITY } else { f64::NAN };
         return Some(if text.starts_with('-') { -value } else { value });
     }
-    // No longer prefix is worth a try: GDAL writes 18 digits.
+    // Longer prefixes need no try: GDAL writes 18 digits.
     let mut ends = (1..=text.len().min(64)).rev().filter(|&end| text.is_char_boundary(end));
     ends.find_map(|end| text[..end].trim_end().parse().ok())
 }
 
-/// A nodata value as samples of this type would hold it.
+/// A nodata value rounded to a sample type.
 pub(crate) fn rounded(value: f64, kind: SampleType) -> f64 {
     if kind == SampleType::Float32 { nearest_f32(value) } else { value }
 }
 
-/// A value as a float32 would hold it; one far outside stays as it is, so that no sample equals it.
-/// Texts of the largest float are often rounded up in their last digit: rounding takes them back.
+/// A value rounded to float32; one far outside its range stays unchanged, so that no sample equals
+/// it. Texts of the largest float are often rounded up in their last digit; this rounds them back.
 fn nearest_f32(value: f64) -> f64 {
     let nearest = f64::from(value as f32);
     if nearest.is_infinite() { value } else { nearest }
 }
 
-/// Refuses a scale or an offset that leaves no height.
+/// Refuses a scale or an offset that is not finite, or a scale of 0.
 pub(crate) fn check_scale(scale: f64, offset: f64) -> Result<()> {
     if !scale.is_finite() || scale == 0.0 {
         return Err(Error::format("scale of the samples", "a finite number other than 0", scale));
@@ -43,9 +42,8 @@ pub(crate) fn check_scale(scale: f64, offset: f64) -> Result<()> {
     Ok(())
 }
 
-/// Metres and name of the vertical unit: the unit type of the band first, else that of the vertical
-/// CRS. A name that means nothing here counts as metres; the name is kept for whoever wants to
-/// warn.
+/// Metres and name of the vertical unit: the unit type of the band, else that of the vertical CRS.
+/// An unknown name counts as metres, and is kept for a warning.
 pub(crate) fn vertical_unit(unit_type: Option<&str>, of_crs: Option<(f64, String)>) -> (f64, String) {
     match unit_type.map(str::trim).filter(|name| !name.is_empty()) {
         Some(name) => (unit::metres_of(name).unwrap_or(1.0), name.to_owned()),

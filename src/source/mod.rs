@@ -1,7 +1,8 @@
-//! Rasters to read from: size, georeference and windows of samples, in any order, bounded memory.
+//! Rasters as sources: their size and georeference, and windows of samples in any order, within
+//! bounded memory.
 //!
-//! A source knows nothing of tiles. It gives samples in their own type, with a validity of their
-//! own (GDAL mask), and says which value means void; [`Window::is_void`] joins the two.
+//! A source knows nothing of tiles. It gives samples in their own type, with a validity mask if it
+//! has one, and the nodata value; [`Window::is_void`] combines the two.
 
 pub mod account;
 pub mod cropped;
@@ -49,7 +50,7 @@ pub struct Part {
     pub description: String,
 }
 
-/// What a raster is, known when it is opened.
+/// The properties of a raster, known when it is opened.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceInfo {
     /// Columns.
@@ -58,70 +59,70 @@ pub struct SourceInfo {
     pub height: u32,
     /// Type of the samples of the elevation band.
     pub sample_type: SampleType,
-    /// The value that means void; see [`Nodata`] for the samples that it stands for. NaN and
-    /// infinities are void whatever it is.
+    /// The value that means void; see [`Nodata`] for the samples equal to it. NaN and infinities
+    /// are always void.
     pub nodata: Option<f64>,
     /// GDAL scale: `real = band_offset + band_scale * value`; 1 unless the file says so.
     pub band_scale: f64,
     /// GDAL offset; 0 unless the file says so.
     pub band_offset: f64,
-    /// Metres of one vertical unit, and its name as found (`m`, `US survey foot`); 1 and empty if
-    /// the file is silent.
+    /// Metres and name of the vertical unit as found (`m`, `US survey foot`); 1 and an empty name
+    /// if the file does not say.
     pub vertical_unit: (f64, String),
-    /// Where the raster lies.
+    /// Georeference of the raster.
     pub geo: Geo,
     /// One line for people: `GeoTIFF, tiles 256 x 256, LZW, predictor 2`.
     pub description: String,
-    /// The files that it is made of, in their order; a mosaic has several.
+    /// The files that the raster is made of, in order; a mosaic has several.
     pub parts: Vec<Part>,
-    /// Where valid samples can be: all else is void, and need not be read. `None`: anywhere.
+    /// Rectangles that hold all valid samples: everything else is void and need not be read.
+    /// `None`: anywhere.
     pub footprint: Option<Vec<Rect>>,
-    /// Which sample counts where parts overlap; `None` for a single file.
+    /// The rule for samples where files overlap; `None` for a single file.
     pub overlap: Option<Overlap>,
-    /// Height in rows of the blocks that the file is made of (strip or tile height): reading whole
-    /// ones is cheapest.
+    /// Rows of a block of the file (a strip or a row of tiles): reading whole ones is cheapest.
     pub block_rows: u32,
-    /// Memory that reading it takes.
+    /// Memory that reading the raster takes.
     #[serde(default)]
     pub reading: ReadMemory,
-    /// What looks wrong with the raster, or was decided about it, a sentence each: what was found,
-    /// and what can be done.
+    /// Oddities of the raster and decisions about it, a sentence each: what was found, and what can
+    /// be done.
     #[serde(default)]
     pub warnings: Vec<String>,
-    /// Where each of place, coordinate system, nodata, unit, scale, offset and mask was found.
+    /// Where place, coordinate system, nodata, unit, scale, offset and mask were found.
     #[serde(default)]
     pub origins: Origins,
 }
 
 impl SourceInfo {
-    /// The samples that its nodata value stands for.
+    /// The samples that the nodata value makes void.
     pub fn voids(&self) -> Nodata {
         Nodata::new(self.nodata, self.sample_type)
     }
 }
 
-/// Bytes of memory that reading a raster takes at most. What is decoded is whole blocks, however
-/// little of them is wanted.
+/// Most bytes of memory that reading a raster takes. Whole blocks are decoded, even for a small
+/// window.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ReadMemory {
-    /// For each sample of a window while it is read, the window itself included.
+    /// Bytes for each sample of a window while it is read, including the window itself.
     pub sample: u64,
-    /// A row of decoded blocks, for each column of the raster: a sweep keeps rows of them.
+    /// Bytes of a row of decoded blocks, for each column of the raster: a sweep keeps such rows.
     pub column: f64,
-    /// The largest decoded block.
+    /// Bytes of the largest decoded block.
     pub block: u64,
-    /// What a thread takes that decodes one.
+    /// Bytes that each decoding thread takes.
     pub thread: u64,
 }
 
 impl ReadMemory {
-    /// Of a raster without blocks, whose samples have so many bytes.
+    /// Memory of a raster without blocks, whose samples take `sample` bytes.
     pub fn plain(sample: u64) -> Self {
         Self { sample, ..Self::default() }
     }
 
-    /// Of two bands that are read together.
+    /// Memory of two bands that are read together.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self {
@@ -132,8 +133,8 @@ impl ReadMemory {
         }
     }
 
-    /// Of some columns of a raster: its blocks are decoded whole, and stick out at both sides of a
-    /// part, and above and below it if they lie in `several_rows`.
+    /// Memory of reading `part` of the `whole` columns: blocks, which are decoded whole, extend
+    /// beyond both sides, and above and below if they lie in `several_rows`.
     #[must_use]
     pub fn of_part(self, (whole, part): (u32, u32), several_rows: bool) -> Self {
         let (whole, part) = (f64::from(whole.max(1)), f64::from(part.max(1)));
@@ -142,7 +143,7 @@ impl ReadMemory {
         Self { column: rows * row / part, ..self }
     }
 
-    /// Of rasters of which any may be read.
+    /// Memory of either of two rasters, whichever takes more.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         Self {
@@ -153,9 +154,9 @@ impl ReadMemory {
         }
     }
 
-    /// Bytes of the blocks that a sweep of bands of `band` rows keeps or decodes on so many
-    /// threads, over `columns` columns that lie in `runs` runs, of a raster of a size whose blocks
-    /// are `block_rows` high. Blocks stick out at both ends of a run.
+    /// Bytes of the blocks that a sweep keeps or decodes, on `threads` threads. The sweep reads
+    /// bands of `band` rows over `columns` columns in `runs` runs; blocks extend beyond both ends
+    /// of a run.
     pub fn blocks(
         self,
         (columns, runs): (u64, u64),
@@ -165,13 +166,13 @@ impl ReadMemory {
     ) -> u64 {
         let block_rows = u64::from(block_rows.max(1));
         let all = u64::from(height).div_ceil(block_rows);
-        // The first band keeps all of its rows of blocks; from then on one is kept, one becomes the
-        // next, and the memory of one waits.
+        // Rows of blocks in memory: the first band keeps all of its own. From then on one row is
+        // kept, one replaces it, and the memory of one waits for use.
         let rows = (band.saturating_sub(2) / block_rows + 2).max(3).min(all);
         let of = |columns: u64| (columns as f64 * self.column).ceil() as u64;
         let row = of(columns).saturating_add((2 * runs).saturating_mul(self.block)).min(of(width.into()));
-        // No more are decoded at a time than there are, and where all are kept that is what they
-        // are decoded for.
+        // There are no more blocks to decode at a time than in the raster, and where all are kept
+        // the decoded block is one of those counted.
         let blocks = row.checked_div(self.block).map(|blocks| (blocks + 1).saturating_mul(rows));
         let threads = threads.min(blocks.unwrap_or(u64::MAX));
         let thread = if rows == all { self.thread.saturating_sub(self.block) } else { self.thread };
@@ -212,17 +213,17 @@ macro_rules! with_samples {
 pub(crate) use with_samples;
 
 impl Samples {
-    /// How many there are.
+    /// Number of samples.
     pub fn len(&self) -> usize {
         with_samples!(self, samples => samples.len())
     }
 
-    /// True if there are none.
+    /// True if there are no samples.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Their type.
+    /// Type of the samples.
     pub fn sample_type(&self) -> SampleType {
         match self {
             Self::Int8(_) => SampleType::Int8,
@@ -236,7 +237,7 @@ impl Samples {
         }
     }
 
-    /// No samples of a type.
+    /// An empty list of samples of a type.
     pub fn none(sample_type: SampleType) -> Self {
         match sample_type {
             SampleType::Int8 => Self::Int8(Vec::new()),
@@ -257,13 +258,13 @@ impl Samples {
     }
 }
 
-/// Columns of rows that are `width` wide.
+/// The samples in `columns` of rows that are `width` wide.
 fn crop<T: Copy>(samples: &[T], width: usize, columns: &Range<usize>) -> Vec<T> {
     samples.chunks_exact(width.max(1)).flat_map(|row| &row[columns.clone()]).copied().collect()
 }
 
 impl Window {
-    /// Some columns of a window that is `width` wide.
+    /// The samples in `columns` of a window that is `width` wide.
     #[must_use]
     pub fn cropped(self, width: u32, columns: &Range<u32>) -> Self {
         if *columns == (0..width) {
@@ -283,7 +284,7 @@ impl Window {
         Self { samples, mask: self.mask.map(|mask| crop(&mask, width, &columns)) }
     }
 
-    /// True if the sample at an index is void: masked out, one that `nodata` stands for, NaN or
+    /// True if the sample at an index is void: masked out, equal to the nodata value, NaN or
     /// infinite.
     pub fn is_void(&self, index: usize, nodata: Nodata) -> bool {
         let value = self.samples.value(index);
@@ -292,7 +293,7 @@ impl Window {
     }
 }
 
-/// Refuses a window that does not lie in the raster.
+/// Refuses a window that does not lie inside the raster.
 fn check_window(info: &SourceInfo, columns: &Range<u32>, rows: &Range<u32>) -> Result<()> {
     if rows.start > rows.end || rows.end > info.height {
         return Err(Error::usage(format!("rows {rows:?} of a raster of {} rows", info.height)));
@@ -303,65 +304,64 @@ fn check_window(info: &SourceInfo, columns: &Range<u32>, rows: &Range<u32>) -> R
     Ok(())
 }
 
-/// A window of a raster.
+/// The samples of a rectangle of a raster.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Window {
     /// The samples, `width * height` of them.
     pub samples: Samples,
-    /// The file's own mask, non-zero where valid; `None` if the file has none.
+    /// Mask of the file, non-zero where a sample is valid; `None` if the file has none.
     pub mask: Option<Vec<u8>>,
 }
 
-/// A raster that windows can be read from, from several threads.
+/// A raster that several threads can read windows from.
 pub trait Source: Send + Sync {
-    /// What the raster is.
+    /// Properties of the raster.
     fn info(&self) -> &SourceInfo;
 
-    /// Samples of `rows.len()` whole rows, `info().width` each. Rows must lie inside the raster.
+    /// Samples of whole rows, `info().width` each. The rows must lie inside the raster.
     ///
     /// Reading bands from north to south decodes no block of the file twice.
     fn read_rows(&self, rows: Range<u32>) -> Result<Window> {
         self.read_window(0..self.info().width, rows)
     }
 
-    /// Samples of a window, row by row, `columns.len()` each. It must lie inside the raster.
+    /// Samples of a window, row by row. The window must lie inside the raster.
     fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window>;
 
-    /// The files as they are on disk now: differs from what it was as soon as one of them has been
-    /// written to, replaced or removed.
+    /// The current state of the files on disk: it changes when one of them is written to, replaced
+    /// or removed.
     fn fingerprint(&self) -> Result<Fingerprint>;
 
-    /// Every file that is read: the raster, its mask, what lies beside it and says what it is, the
-    /// files of a VRT and of a mosaic. None for a raster in memory.
+    /// All files that are read: the raster, its mask, sidecars, the files of a VRT and of a mosaic.
+    /// Empty for a raster in memory.
     fn files(&self) -> Vec<PathBuf> {
         Vec::new()
     }
 
-    /// Takes back a window that is of no more use: its memory may serve the next one.
+    /// Takes back a window that is no longer needed, so that its memory serves the next one.
     fn take_back(&self, window: Window) {
         drop(window);
     }
 
-    /// Lets go of memory and files that are kept for a next window; a later window only takes
-    /// longer.
+    /// Frees memory and closes files kept for the next window, which then takes longer.
     fn release(&self) {}
 }
 
-/// What tells one state of a source from another.
+/// The state of all files of a source, to tell whether it has changed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fingerprint {
-    /// Every file that samples come from.
+    /// All files that samples come from.
     pub files: Vec<FileStamp>,
 }
 
-/// State of one file.
+/// The state of one file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileStamp {
     /// Name of the file, without its folder.
     pub name: String,
-    /// Its length.
+    /// Length in bytes.
     pub bytes: u64,
-    /// Time of its last change, nanoseconds since 1970; 0 where the system has none.
+    /// Time of the last change, in nanoseconds since 1970; 0 if the system has none.
     pub modified_ns: u64,
 }
 
@@ -371,7 +371,7 @@ pub fn file_name(path: &Path) -> String {
 }
 
 impl FileStamp {
-    /// The stamp of a file.
+    /// The stamp of a file on disk.
     pub fn of(path: &Path) -> Result<Self> {
         let metadata = std::fs::metadata(path).map_err(|source| Error::io(path, "look at it", source))?;
         let modified = metadata.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());

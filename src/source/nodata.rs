@@ -1,31 +1,31 @@
-//! Which samples a nodata value stands for: GDAL's comparison, in one place for all readers.
+//! The samples that a nodata value makes void, by GDAL's comparison, for all readers.
 
 use crate::sample::SampleType;
 
 /// The samples that a nodata value makes void, as GDAL 3.6 compares them (`GDALNoDataMaskBand`).
 ///
-/// An integer is void if it is the value without its fraction; a value outside the type stands for
-/// nothing. A float is void within some 4 to 8 units in the last place of a float32 of the value,
-/// in float64 rasters too, since these values are printed and read with few digits; and where its
-/// sum with the value leaves the type, so that `-3.4e+38` stands for the lowest float32 too. NaN
-/// and infinities are void whatever the value is; [`Nodata::is`] does not say so.
+/// An integer sample is void if it equals the value without its fraction; a value outside the type
+/// makes none void. A float sample is void within some 4 to 8 units in the last place of a float32
+/// of the value, in float64 rasters too, since these values are printed and read with few digits.
+/// It is also void if its sum with the value overflows the type, so that `-3.4e+38` also matches
+/// the lowest float32. NaN and infinities are always void; [`Nodata::is`] does not cover them.
 #[derive(Clone, Copy, Debug)]
 pub struct Nodata {
     value: Option<f64>,
     /// Least and greatest sample near the value; the first is above the second if there is none.
     near: (f64, f64),
-    /// Those at the end of a float's range whose sum with the value overflows.
+    /// Least and greatest sample at the end of a float's range whose sum with the value overflows.
     far: (f64, f64),
 }
 
-/// A range without a number.
+/// An empty range.
 const EMPTY: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
 
 impl Nodata {
-    /// No sample is void for its value.
+    /// Makes no sample void.
     pub const NONE: Self = Self { value: None, near: EMPTY, far: EMPTY };
 
-    /// Those that `value` stands for in samples of a type.
+    /// The samples of type `kind` that `value` makes void.
     pub fn new(value: Option<f64>, kind: SampleType) -> Self {
         let Some(wanted) = value else { return Self::NONE };
         let (near, far) = match kind {
@@ -36,20 +36,19 @@ impl Nodata {
         Self { value, near, far }
     }
 
-    /// The value as it was given.
+    /// The nodata value as given.
     pub fn value(self) -> Option<f64> {
         self.value
     }
 
-    /// True if a sample of the type is one of them.
+    /// True if a sample is one of them.
     #[inline]
     pub fn is(self, sample: f64) -> bool {
         let within = |(low, high): (f64, f64)| low <= sample && sample <= high;
         within(self.near) || within(self.far)
     }
 
-    /// True if GDAL takes the value for a nodata value of the type at all; one that is not makes
-    /// room for an alpha band.
+    /// True if GDAL takes the value for a nodata value of the type. If not, an alpha band counts.
     pub fn is_of(self, kind: SampleType) -> bool {
         self.value.is_some_and(|value| match kind {
             SampleType::Float32 => !value.is_finite() || value.abs() <= f64::from(f32::MAX),
@@ -61,17 +60,17 @@ impl Nodata {
         })
     }
 
-    /// Least and greatest of those near the value, both numbers of the type.
+    /// Least and greatest void sample near the value, both numbers of the type.
     pub fn near(self) -> Option<(f64, f64)> {
         (self.near.0 <= self.near.1).then_some(self.near)
     }
 
-    /// Least and greatest of those at the end of the type's range.
+    /// Least and greatest void sample at the end of the type's range.
     pub fn far(self) -> Option<(f64, f64)> {
         (self.far.0 <= self.far.1).then_some(self.far)
     }
 
-    /// A number of the type that is void: the value itself where the type has it.
+    /// A void sample of the type: the value itself if the type has it.
     pub fn sample(self, kind: SampleType) -> Option<f64> {
         let (low, _) = self.near()?;
         Some(match kind {
@@ -81,7 +80,7 @@ impl Nodata {
         })
     }
 
-    /// The number next to a void one that is not void.
+    /// The number nearest to a void sample that is not void.
     pub fn beside(self, sample: f64, kind: SampleType) -> f64 {
         let within = |(low, high): &(f64, f64)| *low <= sample && sample <= *high;
         let Some((low, high)) = [self.near, self.far].into_iter().find(within) else { return sample };
@@ -94,8 +93,8 @@ impl Nodata {
         if free(above) { above } else { below }
     }
 
-    /// True if the value stands for the same numbers of `narrow` whether it is compared in that
-    /// type or in `wide`, which has all of them.
+    /// True if the value matches the same numbers of `narrow` whether compared in that type or in
+    /// `wide`, which holds all of them.
     pub fn is_alike(value: Option<f64>, narrow: SampleType, wide: SampleType) -> bool {
         let (own, other) = (Self::new(value, narrow), Self::new(value, wide));
         let inside = |range: Option<(f64, f64)>| {
@@ -108,7 +107,7 @@ impl Nodata {
     }
 }
 
-/// The least number that is not below a value, of a type that has no ends.
+/// The least number of a type that is not below a value; the type is taken as unbounded.
 fn least(value: f64, kind: SampleType) -> f64 {
     match kind {
         SampleType::Float32 => {
@@ -120,8 +119,8 @@ fn least(value: f64, kind: SampleType) -> f64 {
     }
 }
 
-/// The range that GDAL compares integers in: those of up to 32 bits as those of 32 bits with the
-/// same sign; bytes as bytes.
+/// The range that GDAL compares integers in: types of up to 32 bits as 32 bits with the same sign,
+/// bytes as bytes.
 fn compared(kind: SampleType) -> (f64, f64) {
     match kind {
         SampleType::Uint8 => limits(kind),
@@ -153,18 +152,18 @@ fn limits(kind: SampleType) -> (f64, f64) {
     }
 }
 
-/// Both ranges of a value of either sign, from those of its size.
+/// Both ranges of a value of either sign, computed from its magnitude.
 fn mirrored(value: f64, around: impl Fn(f64) -> Ranges) -> Ranges {
     let (near, far) = around(value.abs());
     let turned = |(low, high): (f64, f64)| if low <= high { (-high, -low) } else { EMPTY };
     if value < 0.0 { (turned(near), turned(far)) } else { (near, far) }
 }
 
-/// `near` and `far` of [`Nodata`].
+/// The fields `near` and `far` of [`Nodata`].
 type Ranges = ((f64, f64), (f64, f64));
 
-/// GDAL's `ARE_REAL_EQUAL` solved for the sample: numbers from 0 on ascend with their bits, and
-/// along them it changes once or twice.
+/// GDAL's `ARE_REAL_EQUAL` solved for the sample. Non-negative floats are ordered as their bits
+/// are, and the comparison changes once or twice along them.
 macro_rules! around {
     ($name:ident, $float:ty, $bits:ty) => {
         fn $name(value: $float) -> Ranges {
@@ -203,8 +202,8 @@ mod tests {
     use super::*;
     use crate::source::metadata;
 
-    /// What GDAL says of the samples of a line of the table: type, text, and samples that are void,
-    /// and that are not.
+    /// The lines of GDAL's table: sample type, nodata text, samples that are void, and samples that
+    /// are not.
     fn lines() -> Vec<(SampleType, String, Vec<f64>, Vec<f64>)> {
         let table = include_str!("../../fixtures/nodata.txt");
         let line = |line: &str| {
@@ -212,7 +211,7 @@ mod tests {
             let name = words.next().expect("type");
             let kind = SampleType::ALL.into_iter().find(|kind| kind.gdal_name() == name).expect("type");
             let text = words.next().expect("text").replace('_', " ");
-            // What GDAL made of the text comes first.
+            // GDAL's reading of the text comes first.
             let rest: Vec<&str> = words.skip(1).collect();
             let bar = rest.iter().position(|&word| word == "|").expect("bar");
             let numbers = |words: &[&str]| words.iter().map(|word| number(kind, word)).collect();
@@ -244,7 +243,7 @@ mod tests {
             for (samples, expected) in [(void, true), (valid, false)] {
                 for sample in samples {
                     let place = format!("nodata {text} of {kind:?}, sample {sample:e}");
-                    // NaN is void without a word, to GDAL only if that is the nodata value.
+                    // NaN is always void here, in GDAL only if it is the nodata value.
                     if !sample.is_nan() {
                         assert_eq!(nodata.is(sample), expected, "{place}");
                     }
@@ -256,7 +255,7 @@ mod tests {
         }
     }
 
-    /// GDAL's comparison as it stands in its source (`ARE_REAL_EQUAL`).
+    /// GDAL's comparison as in its source (`ARE_REAL_EQUAL`).
     fn alike_f32(a: f32, b: f32) -> bool {
         a == b || (a - b).abs() < f32::EPSILON * (a + b).abs() * 2.0
     }
@@ -314,7 +313,7 @@ mod tests {
         let alike = |value, narrow, wide| Nodata::is_alike(Some(value), narrow, wide);
         assert!(alike(-9999.0, Int16, Float32) && alike(-9999.0, Int16, Float64) && alike(2.0, Uint8, Int16));
         assert!(alike(-9999.0, Int32, Float64) && Nodata::is_alike(None, Int16, Float32));
-        // Within a millionth of a large number are other numbers.
+        // Other numbers lie within a millionth of a large one.
         assert!(!alike(123_456_789.0, Int32, Float64) && !alike(-0.4, Uint8, Int16));
         assert!(alike(f64::NAN, Float32, Float64));
     }

@@ -1,4 +1,4 @@
-//! Files to sources: by name, by what a file begins with, and many as one.
+//! Opens files as sources, by name and first bytes, and joins several into one.
 
 use std::cell::Cell;
 use std::ffi::{OsStr, OsString};
@@ -16,25 +16,24 @@ use super::{Source, earth, file_name, gzip, hgt, kind, stated, tiff, vrt};
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 
-/// Opens a raster: a GeoTIFF, a GDAL virtual raster or an SRTM tile natively, also gzipped,
-/// anything else (and what is refused here) through GDAL if that is built in.
+/// Opens a raster: a GeoTIFF, a GDAL virtual raster or an SRTM tile natively, gzipped or not. Other
+/// formats, and files refused here, are opened by GDAL if it is built in.
 pub fn open(path: &Path, limits: &Limits) -> Result<Box<dyn Source>> {
     open_file(path, None, &Nest { limits, depth: 0, files: &Cell::new(0), band: None })
 }
 
-/// How deep files stand in one another, how many have been opened on the way, and what is wanted of
-/// them.
+/// Depth of nested files, number of files opened so far, and options for them.
 #[derive(Clone, Copy)]
 pub(super) struct Nest<'a> {
     pub(super) limits: &'a Limits,
     pub(super) depth: u32,
     pub(super) files: &'a Cell<u64>,
-    /// The band that is asked for, from 1; `None`: the first, and nobody has chosen it.
+    /// The chosen band, from 1; `None`: the first, by default.
     pub(super) band: Option<u32>,
 }
 
 impl Nest<'_> {
-    /// One more file.
+    /// Counts one more opened file.
     pub(super) fn count(&self) -> Result<()> {
         self.files.set(self.files.get() + 1);
         match self.files.get() {
@@ -46,7 +45,7 @@ impl Nest<'_> {
     }
 }
 
-/// Opens a raster; `nodata` is what means void in the files of a VRT, instead of what it says.
+/// Opens a raster. Within a VRT, `nodata` replaces the nodata value that it gives for its files.
 fn open_file(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Box<dyn Source>> {
     if names_no_file(path) {
         #[cfg(feature = "gdal")]
@@ -76,9 +75,9 @@ fn open_native(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Box<dyn 
     })
 }
 
-/// What GDAL makes of a file that is refused here: a limit is one for GDAL too, and a system that
-/// refuses a file refuses it to all. If GDAL fails as well both reasons are told, the first one
-/// first.
+/// Opens by GDAL a file that was refused here as unsupported, or as malformed where GDAL may know
+/// better. Limits and failed reads hold for GDAL too. If GDAL fails as well, the error gives both
+/// reasons, that of this program first.
 #[cfg(feature = "gdal")]
 pub(super) fn or_by_gdal<T>(path: &Path, refused: Error, open: impl FnOnce() -> Result<T>) -> Result<T> {
     match &refused {
@@ -92,9 +91,9 @@ pub(super) fn or_by_gdal<T>(path: &Path, refused: Error, open: impl FnOnce() -> 
     })
 }
 
-/// True if a file is damaged whoever reads it. A packed one that is cut off and a VRT with a number
-/// that is none are read by GDAL all the same, as far as they go and as 0; a file that a VRT names
-/// has been shown to GDAL already.
+/// True if GDAL must not be tried on a malformed file. It would read a gzipped file that is cut off
+/// as far as it goes, and a malformed number in a VRT as 0. A file that a VRT names has been tried
+/// by GDAL already.
 #[cfg(feature = "gdal")]
 fn is_damage(path: &Path, named: &Path, place: &str) -> bool {
     let is_named = !named.as_os_str().is_empty() && named != path;
@@ -116,7 +115,7 @@ fn both(mut refused: Error, theirs: &Error) -> Error {
     refused
 }
 
-/// The name under which GDAL is given a file. A VRT that names something on a network is refused.
+/// The path by which GDAL opens a file. A VRT that names a file on a network is refused.
 #[cfg(feature = "gdal")]
 pub(super) fn for_gdal(path: &Path, limits: &Limits) -> Result<PathBuf> {
     if !path.is_file() {
@@ -133,16 +132,16 @@ pub(super) fn for_gdal(path: &Path, limits: &Limits) -> Result<PathBuf> {
     Ok(inside.into())
 }
 
-/// Formats that are read natively.
+/// Formats read natively.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Format {
     Vrt,
     Hgt,
-    /// Or something else: its reader says so.
+    /// A TIFF, or an unknown format, which the TIFF reader refuses by name.
     Tiff,
 }
 
-/// Looks at the name of a file and at its first bytes.
+/// The format of a file, by its name and its first bytes.
 fn format(path: &Path) -> Result<Format> {
     if path.is_dir() {
         let what = format!("{}: a folder; give the files in it, as in {0}/*.tif", path.display());
@@ -159,7 +158,7 @@ fn format(path: &Path) -> Result<Format> {
     Ok(if is_hgt { Format::Hgt } else { Format::Tiff })
 }
 
-/// The first bytes of a file, of a gzipped one those of its content.
+/// The first bytes of a file, unpacked if it is gzipped.
 pub(super) fn start(path: &Path) -> Result<Vec<u8>> {
     let mut start = Vec::new();
     let read = gzip::stream(path)?.0.take(kind::LOOK as u64).read_to_end(&mut start);
@@ -167,15 +166,15 @@ pub(super) fn start(path: &Path) -> Result<Vec<u8>> {
     Ok(start)
 }
 
-/// The name of a file, without the `.gz` of a gzipped one.
+/// The path of a file without the `.gz` of a gzipped one.
 fn unpacked_name(path: &Path) -> PathBuf {
     let name = PathBuf::from(path.file_name().unwrap_or_default());
     let is_packed = name.extension().is_some_and(|word| word.eq_ignore_ascii_case("gz"));
     if is_packed { name.with_extension("") } else { name }
 }
 
-/// A file as a part of a mosaic. A VRT stays open (its own files do not), every other file only
-/// while it is needed.
+/// A file as a piece of a mosaic. A VRT stays open (the files in it do not); any other file is open
+/// only while it is read.
 pub(super) fn piece(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Piece> {
     let source = open_file(path, nodata, nest)?;
     if !names_no_file(path) && format(path)? == Format::Vrt {
@@ -191,19 +190,18 @@ pub(super) fn piece(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Pie
     ))
 }
 
-/// True if a name means something to GDAL although there is no such file: `/vsizip/…`,
-/// `NETCDF:"file":variable`.
+/// True if GDAL opens a name that is not a file: `/vsizip/…`, `NETCDF:"file":variable`.
 fn names_no_file(path: &Path) -> bool {
     let text = path.to_string_lossy();
-    // One letter and a colon is a drive.
+    // A single letter before a colon is a drive.
     let driver = text
         .find(':')
         .is_some_and(|at| at > 1 && text[..at].chars().all(|c| c.is_ascii_alphanumeric() || c == '_'));
     !path.exists() && (text.starts_with("/vsi") || driver)
 }
 
-/// What to call a container of this raster, without an extension: the file's own name, or of
-/// `NETCDF:"file":variable` both.
+/// Default name, without extension, of a container made from this raster: the file's own name, and
+/// for `NETCDF:"file":variable` both names.
 pub fn stem(path: &Path) -> OsString {
     let name = file_name(path);
     if !names_no_file(path) || !name.contains(['"', ':']) {
@@ -219,51 +217,52 @@ pub fn stem(path: &Path) -> OsString {
     })
 }
 
-/// How files become one source.
+/// How files are opened and joined into one source.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OpenOptions {
-    /// Value that means void in every file, instead of what it says itself.
+    /// Value that means void in every file, in place of the file's own.
     pub nodata: Option<f64>,
-    /// The band that has the heights, from 1, of every file; `None`: the first.
+    /// Band of the heights in every file, from 1; `None`: the first.
     pub band: Option<u32>,
-    /// Which sample counts where files overlap.
+    /// The rule for samples where files overlap.
     pub overlap: Overlap,
-    /// Metres and name of the vertical unit of every file, instead of what it says itself; see
+    /// Metres and name of the vertical unit of every file, in place of the file's own; see
     /// [`super::unit::parse`].
     pub vertical_unit: Option<(f64, String)>,
     /// True if the samples are depths, positive down: heights are their negatives.
     pub depth: bool,
-    /// The grid that the files are warped to; `None`: their own.
+    /// The grid to warp the files to; `None`: no warping.
     pub warp: Option<Warp>,
-    /// The part that is wanted; `None`: all of it.
+    /// The part to read; `None`: all.
     pub bbox: Option<Bbox>,
 }
 
-/// Which of several valid samples of one place counts. A void in one file never hides a valid
-/// sample of another.
+/// Which valid sample counts where files overlap. A void in one file never hides a valid sample of
+/// another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Overlap {
-    /// That of the first file, in the order in which they were given.
+    /// The sample of the first file, in the order given.
     First,
-    /// That of the last one, as in GDAL.
+    /// The sample of the last file, as in GDAL.
     #[default]
     Last,
-    /// The lowest.
+    /// The lowest sample.
     Min,
-    /// The highest.
+    /// The highest sample.
     Max,
-    /// Their mean: the sum in float64, in the order of the files, by their number; of whole numbers
-    /// the nearest, of two as near the one away from zero.
+    /// The mean: the sum in float64, in the order of the files, divided by their number. Integers
+    /// are rounded to the nearest, halves away from zero.
     Mean,
 }
 
 /// Opens one or more files as one raster; several are joined, see [`Mosaic::of`].
 ///
-/// Of a single file `options.overlap` does not count, and `options.nodata` only within a VRT, which
-/// is a mosaic whose files lie on top of one another as it says.
+/// For a single file `options.overlap` has no effect, and `options.nodata` has one only within a
+/// VRT, whose files overlap as it says.
 ///
-/// A place whose numbers overflow is refused, one that the Earth contradicts is warned of.
+/// A georeference whose numbers overflow is refused; one that contradicts the Earth gives a
+/// warning.
 pub fn open_all(paths: &[PathBuf], options: &OpenOptions, limits: &Limits) -> Result<Box<dyn Source>> {
     let source = open_joined(paths, options, limits)?;
     let first = paths.first().map_or(Path::new(""), PathBuf::as_path);
@@ -324,7 +323,7 @@ fn open_warped(paths: &[PathBuf], _: &Warp, _: &OpenOptions, _: &Limits) -> Resu
     Err(Error::unsupported("warping to another grid", NEEDS_GDAL).at(&path))
 }
 
-/// What to do where only GDAL can help.
+/// Advice where only GDAL can read a file.
 pub(crate) const NEEDS_GDAL: &str = if cfg!(feature = "gdal") {
     "GDAL does not read it either"
 } else {

@@ -1,5 +1,5 @@
-//! A raster of which the user says something else than its file does: the unit of its heights, or
-//! their sense.
+//! Properties that the user states in place of those in the file: vertical unit, and depths for
+//! heights.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -7,21 +7,21 @@ use std::path::PathBuf;
 use super::{Fingerprint, OpenOptions, Origin, Source, SourceInfo, Window, advice};
 use crate::error::Result;
 
-/// A raster with another description; its samples are untouched.
+/// A raster with other properties; its samples are unchanged.
 struct Stated {
     info: SourceInfo,
     source: Box<dyn Source>,
 }
 
-/// The raster as the options have it; its samples stay as they are.
+/// The raster with the properties that the options state.
 pub fn apply(source: Box<dyn Source>, options: &OpenOptions) -> Box<dyn Source> {
     let mut info = source.info().clone();
     state(&mut info, options);
-    // NaN is not NaN, and costs a box.
+    // A NaN in the properties makes them differ: that costs a box, no more.
     if info == *source.info() { source } else { Box::new(Stated { info, source }) }
 }
 
-/// The raster with more to say about it.
+/// The raster with more warnings.
 pub fn warned(source: Box<dyn Source>, warnings: Vec<String>) -> Box<dyn Source> {
     if warnings.is_empty() {
         return source;
@@ -31,9 +31,9 @@ pub fn warned(source: Box<dyn Source>, warnings: Vec<String>) -> Box<dyn Source>
     Box::new(Stated { info, source })
 }
 
-/// Vertical unit and sense as the options have them; without the warnings whose advice is taken.
-/// Metres are `(offset + scale * sample) * unit`, so a depth is a height by the signs of scale and
-/// offset.
+/// Sets vertical unit and sign as the options state, and drops the warnings that this answers.
+/// Metres are `(offset + scale * sample) * unit`, so a depth becomes a height by the signs of scale
+/// and offset.
 pub fn state(info: &mut SourceInfo, options: &OpenOptions) {
     if let Some(unit) = &options.vertical_unit {
         info.vertical_unit.clone_from(unit);
@@ -51,11 +51,11 @@ pub fn state(info: &mut SourceInfo, options: &OpenOptions) {
         return;
     }
     info.band_scale = -info.band_scale;
-    // No negative zero.
+    // Avoids negative zero.
     info.band_offset = 0.0 - info.band_offset;
     let crs = &mut info.geo.crs;
     if crs.vertical_down {
-        // A vertical system that counts downwards is not what the negated values are in.
+        // The negated values are not in a vertical system that counts downwards.
         (crs.vertical_epsg, crs.vertical_down) = (None, false);
         crs.vertical_name += " (negated)";
         if let Some(keys) = &mut crs.keys {

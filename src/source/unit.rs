@@ -1,9 +1,9 @@
-//! Vertical units: what their names mean, in the words of files and of the command line.
+//! Vertical units by their names in files and on the command line.
 
 use crate::crs::epsg::{FOOT, US_SURVEY_FOOT};
 
-/// Metres of a unit by its name: GDAL's own names, those of PROJ and OGC, and the usual ones of
-/// people; `0.25 m` is a unit of a quarter of a metre.
+/// Length in metres of a unit: by GDAL's names, those of PROJ and OGC, and common ones. `0.25 m` is
+/// a unit of a quarter of a metre.
 pub(crate) fn metres_of(name: &str) -> Option<f64> {
     let name = name.trim().to_lowercase();
     if let Some(number) = name.strip_suffix(" m") {
@@ -25,8 +25,8 @@ pub(crate) fn metres_of(name: &str) -> Option<f64> {
     })
 }
 
-/// A unit as the user states it, `m`, `ft`, `us-ft`, any other name known here, or its metres as a
-/// number: metres, and the name to record, which GDAL and this program read back as the same unit.
+/// A unit stated by the user: `m`, `ft`, `us-ft`, any other known name, or its length in metres.
+/// Returns metres, and the name to record, which GDAL and this program read back as the same unit.
 pub fn parse(text: &str) -> Option<(f64, String)> {
     let text = text.trim();
     if let Some(metres) = length(text) {
@@ -34,7 +34,7 @@ pub fn parse(text: &str) -> Option<(f64, String)> {
         return Some((metres, name));
     }
     let metres = metres_of(text)?;
-    // GDAL's own word for it, which every reader of a GeoTIFF knows.
+    // GDAL's own name, which every reader of a GeoTIFF knows.
     let name = if metres == US_SURVEY_FOOT { "US survey foot" } else { text };
     Some((metres, name.to_owned()))
 }

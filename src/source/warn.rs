@@ -1,30 +1,29 @@
-//! The sentences of [`SourceInfo::warnings`](super::SourceInfo::warnings): file, what was found,
-//! what can be done about it.
+//! The sentences of [`SourceInfo::warnings`](super::SourceInfo::warnings): file, finding, advice.
 //!
-//! What can be done is said in the words of [`advice`], which a program that has an option for it
-//! can look for.
+//! Advice is worded as in [`advice`], so that a program with an option for it can find and replace
+//! it.
 
 use std::path::Path;
 
 use super::file_name;
 use crate::sample::SampleType;
 
-/// What can be done, in the words of every warning.
+/// The advice in warnings.
 pub mod advice {
-    /// State which value means void ([`OpenOptions::nodata`](crate::source::OpenOptions::nodata)).
+    /// State the nodata value ([`OpenOptions::nodata`](crate::source::OpenOptions::nodata)).
     pub const NODATA: &str = "state the nodata value";
     /// Choose a band ([`OpenOptions::band`](crate::source::OpenOptions::band)).
     pub const BAND: &str = "choose another band";
     /// State the vertical unit
     /// ([`OpenOptions::vertical_unit`](crate::source::OpenOptions::vertical_unit)).
     pub use crate::crs::geokeys::UNIT_ADVICE as UNIT;
-    /// Say that samples are depths ([`OpenOptions::depth`](crate::source::OpenOptions::depth)).
+    /// State that samples are depths ([`OpenOptions::depth`](crate::source::OpenOptions::depth)).
     pub const DEPTH: &str = "state that the samples are depths";
     /// Warp to another coordinate system ([`OpenOptions::warp`](crate::source::OpenOptions::warp)).
     pub const CRS: &str = "warp to a system in which they are near";
 }
 
-/// A mask beside a nodata value.
+/// Warning about a mask beside a nodata value.
 pub(super) fn mask_and_nodata(path: &Path, nodata: f64) -> String {
     let name = file_name(path);
     format!(
@@ -34,14 +33,14 @@ pub(super) fn mask_and_nodata(path: &Path, nodata: f64) -> String {
     )
 }
 
-/// An alpha band beside a nodata value.
+/// Warning about an alpha band beside a nodata value.
 pub(super) fn alpha_and_nodata(path: &Path, nodata: f64) -> String {
     let name = file_name(path);
     format!("{name}: there is an alpha band beside the nodata value {nodata}, which alone counts, as in GDAL")
 }
 
-/// Of several bands the first was taken, or it looks like something else than heights; `None` if
-/// nothing is odd. `colours` says what the samples are by the file's own word: `RGB`, `palette`.
+/// Warning that the first of several bands was read, or that the band does not look like heights;
+/// `None` if neither applies. `colours` is the file's own word for the samples: `RGB`, `palette`.
 pub(super) fn odd_band(path: &Path, bands: u32, kind: SampleType, colours: Option<&str>) -> Option<String> {
     let looks = match (kind, colours) {
         (_, Some("palette")) => ", palette: looks like a raster of classes",
@@ -59,7 +58,7 @@ pub(super) fn odd_band(path: &Path, bands: u32, kind: SampleType, colours: Optio
     })
 }
 
-/// Warnings of many rasters, of which no more are told than anybody reads.
+/// The warnings of many rasters, shortened to a readable number.
 pub(super) fn joined<'a>(all: impl Iterator<Item = &'a [String]>) -> Vec<String> {
     const MOST: usize = 20;
     let mut some = Vec::new();

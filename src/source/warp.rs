@@ -1,46 +1,45 @@
-//! What a raster is warped to: the request, without the means (those are `gdal`'s).
+//! Options of warping: the target grid and how samples are made. The work is done by `gdal`.
 
 use serde::{Deserialize, Serialize};
 
-/// A coordinate system, a resolution, and how samples are made. Any raster is warped if there is a
-/// request at all.
+/// A request to warp: coordinate system, resolution and resampling. If there is one, every raster
+/// is warped.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Warp {
-    /// `EPSG:…`, WKT, or whatever else GDAL takes for one; `None`: that of the first file.
+    /// `EPSG:…`, WKT, or another form that GDAL reads; `None`: that of the first file.
     pub crs: Option<String>,
-    /// Steps along x and y in units of the coordinate system; `None`: what `gdalwarp` chooses, the
-    /// finest of all files.
+    /// Sample spacing along x and y in units of the coordinate system; `None`: what `gdalwarp`
+    /// chooses, the finest of all files.
     pub resolution: Option<(f64, f64)>,
-    /// How a sample is made of those around it.
+    /// How a sample is computed from its neighbours.
     pub resampling: Resampling,
 }
 
-/// How a sample is made of those around it, by GDAL's names.
+/// How a sample is computed from its neighbours, by GDAL's names.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Resampling {
-    /// The nearest one: no height that is not in the file, but steps of up to half a sample
-    /// sideways.
+    /// The nearest sample: no new heights, but shifts of up to half a sample.
     Near,
-    /// Linear between the four around it: continuous, and never above or below them. The default.
+    /// Linear between four neighbours: continuous, never above or below them. The default.
     #[default]
     Bilinear,
-    /// Cubic convolution of 16; overshoots at cliffs.
+    /// Cubic convolution of 16 samples; overshoots at cliffs.
     Cubic,
-    /// Cubic B-spline of 16: smooths.
+    /// Cubic B-spline of 16 samples; smooths.
     CubicSpline,
-    /// Windowed sinc of 36; overshoots at cliffs.
+    /// Windowed sinc of 36 samples; overshoots at cliffs.
     Lanczos,
-    /// Mean of all that a sample covers: for much coarser resolutions.
+    /// Mean of all samples that the new one covers: for much coarser resolutions.
     Average,
 }
 
 impl Resampling {
-    /// All of them.
+    /// All methods.
     pub const ALL: [Self; 6] =
         [Self::Near, Self::Bilinear, Self::Cubic, Self::CubicSpline, Self::Lanczos, Self::Average];
 
-    /// Its name, which `gdalwarp -r` takes too.
+    /// The method's name, which `gdalwarp -r` takes too.
     pub fn name(self) -> &'static str {
         match self {
             Self::Near => "near",

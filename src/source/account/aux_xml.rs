@@ -1,4 +1,4 @@
-//! GDAL's sidecar `dem.tif.aux.xml` (PAM): what somebody said of a raster without writing into it.
+//! GDAL's sidecar `dem.tif.aux.xml` (PAM): properties stated beside a raster.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use super::{sidecar, xml};
 use crate::limits::Limits;
 use crate::source::{file_name, metadata};
 
-/// What the sidecar says of a band, as it stands there.
+/// The properties of a band, as written in the sidecar.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Band {
     pub(super) nodata: Option<String>,
@@ -20,25 +20,24 @@ pub(super) struct Band {
     pub(super) role: Option<Role>,
 }
 
-/// What the sidecar says.
+/// The content of a sidecar.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct AuxXml {
-    /// The coordinate system, in any of the words that GDAL knows for one. An empty text says that
-    /// there is none.
+    /// The coordinate system, in any form that GDAL reads. An empty text means that there is none.
     pub(super) srs: Option<String>,
-    /// Which axis of the coordinate system x and y are, from 1.
+    /// The axes of the coordinate system that x and y are, from 1.
     pub(super) axes: Option<String>,
     pub(super) transform: Option<[f64; 6]>,
     pub(super) pixel_is_point: Option<bool>,
     /// True if the raster is placed by control points.
     pub(super) control_points: bool,
-    /// By number from 1.
+    /// Bands by number, from 1.
     pub(super) bands: BTreeMap<u32, Band>,
-    /// What could not be read.
+    /// Warnings about unreadable content.
     pub(super) warnings: Vec<String>,
 }
 
-/// The sidecar of a raster and what it says; `None` if there is none.
+/// The path and content of a raster's sidecar; `None` if there is none.
 pub(super) fn of(raster: &Path, limits: &Limits) -> Option<(PathBuf, AuxXml)> {
     let path = sidecar::appended(raster, ".aux.xml")?;
     let ignored = |reason: String| AuxXml {
@@ -98,8 +97,7 @@ fn dataset(root: Node<'_, '_>) -> AuxXml {
     found
 }
 
-/// The coordinate system and the control points that Esri's programs leave in the sidecar, in words
-/// of their own.
+/// Reads the coordinate system and control points that Esri's programs write in their own elements.
 fn esri(metadata: Node<'_, '_>, found: &mut AuxXml) {
     let Some(form) = xml::child(metadata, "GeodataXform") else { return };
     let wkt = xml::child(form, "SpatialReference").and_then(|system| xml::text_of(system, "WKT"));
@@ -125,7 +123,7 @@ fn transform(text: &str) -> Option<[f64; 6]> {
     (spans && text.split(',').count() == 6).then_some(found)
 }
 
-/// What an element says of a band, over what one before it said.
+/// Adds the properties in an element to those of a band, replacing earlier ones.
 fn add(node: Node<'_, '_>, band: &mut Band) {
     let text = |name| xml::text_of(node, name).map(str::to_owned);
     let exact = xml::child(node, "NoDataValue").and_then(|node| xml::attribute(node, "le_hex_equiv"));
@@ -139,8 +137,8 @@ fn add(node: Node<'_, '_>, band: &mut Band) {
     band.role = role.filter(|role| *role != Role::Undefined).or(band.role);
 }
 
-/// The float64 of 16 hexadecimal digits, the low byte first: what GDAL writes beside a number that
-/// its digits do not hold.
+/// A float64 from 16 hexadecimal digits, low byte first, which GDAL writes beside a decimal that
+/// does not hold it exactly.
 fn float_of_hex(digits: &str) -> Option<f64> {
     let whole = u64::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 16)?;
     Some(f64::from_bits(whole.swap_bytes()))

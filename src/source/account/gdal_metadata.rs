@@ -7,7 +7,7 @@ use roxmltree::Node;
 use super::role::Role;
 use super::xml;
 
-/// What the tag says of a band, as it stands there.
+/// The properties of a band, as written in the tag.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Items {
     pub(super) scale: Option<String>,
@@ -16,8 +16,8 @@ pub(super) struct Items {
     pub(super) role: Option<Role>,
 }
 
-/// Reads `<Item name=".." sample="0" role="scale">0.1</Item>` and its kin, by band from 1; `Err` if
-/// it is no XML.
+/// Reads items such as `<Item name=".." sample="0" role="scale">0.1</Item>`, by band from 1; `Err`
+/// if the text is not XML.
 pub(super) fn read(text: &str) -> Result<BTreeMap<u32, Items>, String> {
     let items = xml::read(text, "GDALMetadata", |root| {
         let mut found = BTreeMap::new();
@@ -31,7 +31,7 @@ pub(super) fn read(text: &str) -> Result<BTreeMap<u32, Items>, String> {
 
 fn take(item: Node<'_, '_>, found: &mut BTreeMap<u32, Items>) {
     let domain = xml::attribute(item, "domain").unwrap_or_default();
-    // Without a sample it is of the whole file; GDAL passes over an item without a name.
+    // An item without a sample is about the whole file; GDAL ignores an item without a name.
     let (Some(_), Some(sample), Some(text)) =
         (xml::attribute(item, "name"), xml::attribute(item, "sample"), xml::text(item))
     else {
@@ -50,7 +50,7 @@ fn take(item: Node<'_, '_>, found: &mut BTreeMap<u32, Items>) {
     }
 }
 
-/// The number of a band from 1: the leading digits of a text, or 0, plus one.
+/// The number of a band, from 1: the leading digits of a text, or 0, plus one.
 fn band(sample: &str) -> Option<u32> {
     let sample = sample.trim_start();
     let digits = sample.strip_prefix('+').unwrap_or(sample);
@@ -61,7 +61,7 @@ fn band(sample: &str) -> Option<u32> {
     }
 }
 
-/// A text with the references of XML resolved once more.
+/// The text with XML references resolved once more.
 fn unescaped(text: &str) -> String {
     let mut parts = text.split('&');
     let mut plain = parts.next().unwrap_or_default().to_owned();
@@ -79,7 +79,7 @@ fn unescaped(text: &str) -> String {
     plain
 }
 
-/// The character of a reference without its `&` and `;`.
+/// The character of an XML reference, given without its `&` and `;`.
 fn character(name: &str) -> Option<char> {
     Some(match name {
         "lt" => '<',

@@ -1,7 +1,7 @@
-//! What a raster is, gathered once: place, coordinate system, and of each band nodata, unit, scale,
-//! offset and role, each with where it was found.
+//! Properties of a raster, gathered once from tags and sidecars: place and coordinate system, and
+//! for each band nodata, unit, scale, offset and role, each with its origin.
 //!
-//! Several things can say the same of a raster. The first of them counts, in the order of GDAL
+//! Several places can state the same property. The first in the table counts, in the order of GDAL
 //! (3.6.2, found by trial):
 //!
 //! | of a TIFF | first | then | then | last |
@@ -50,41 +50,41 @@ use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind, Geo};
 use crate::limits::Limits;
 
-/// What the tags of a TIFF say, with GDAL's texts as they stand there.
+/// Properties from the tags of a TIFF; GDAL's texts are unparsed.
 #[derive(Clone, Debug, Default)]
 pub(in crate::source) struct Tags {
     /// The geotransform, and the tag that it comes from.
     pub(in crate::source) transform: Option<([f64; 6], u16)>,
-    /// True if there are tie points, but no geotransform.
+    /// True if there are tie points but no geotransform.
     pub(in crate::source) control_points: bool,
     /// True if there are GeoKeys.
     pub(in crate::source) has_keys: bool,
-    /// What the GeoKeys say.
+    /// The coordinate system of the GeoKeys.
     pub(in crate::source) crs: Crs,
-    /// As they say.
+    /// True if the GeoKeys say that pixels are points.
     pub(in crate::source) pixel_is_point: bool,
-    /// Metres and name of the unit of their vertical system.
+    /// Metres and name of the unit of the GeoKeys' vertical system.
     pub(in crate::source) vertical_unit: Option<(f64, String)>,
-    /// Scale and offset of heights, from the third dimension of the tags that place the raster.
+    /// Scale and offset of heights, from the third dimension of the tags that give the place.
     pub(in crate::source) scale_offset: Option<(f64, f64)>,
     /// Tag 42113.
     pub(in crate::source) nodata: Option<String>,
     /// Tag 42112.
     pub(in crate::source) metadata: Option<String>,
-    /// What contradicts itself.
+    /// Warnings about contradictions.
     pub(in crate::source) warnings: Vec<String>,
 }
 
-/// What is known of a raster.
+/// The properties of a raster.
 #[derive(Clone, Debug, Default)]
 pub(in crate::source) struct Account {
-    /// Where it lies.
+    /// Georeference.
     pub(in crate::source) geo: Geo,
     /// Where place and coordinate system were found.
     pub(in crate::source) origins: Origins,
-    /// Files beside the raster that something was taken from, or passed over with a warning.
+    /// Sidecars that were used, or ignored with a warning.
     pub(in crate::source) files: Vec<PathBuf>,
-    /// What could not be read or contradicts itself, a sentence each.
+    /// Warnings about unreadable or contradictory properties, a sentence each.
     pub(in crate::source) warnings: Vec<String>,
     /// Name of the raster.
     name: String,
@@ -93,14 +93,14 @@ pub(in crate::source) struct Account {
     aux: AuxXml,
     /// Name of the sidecar.
     aux_name: String,
-    /// Of the vertical part of the sidecar's coordinate system.
+    /// Metres and name of the unit of the vertical part of the sidecar's coordinate system.
     aux_unit: Option<(f64, String)>,
 }
 
-/// What is known of a band of heights.
+/// The properties of a band of heights.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::source) struct Band {
-    /// As it is said, before it is brought into the type of the samples.
+    /// The nodata value as stated, before it is rounded to the sample type.
     pub(in crate::source) nodata: Option<f64>,
     /// GDAL scale.
     pub(in crate::source) scale: f64,
@@ -108,12 +108,12 @@ pub(in crate::source) struct Band {
     pub(in crate::source) offset: f64,
     /// Metres and name of the vertical unit.
     pub(in crate::source) unit: (f64, String),
-    /// Where all this was found, and the raster's place and coordinate system.
+    /// Where these were found, and the raster's place and coordinate system.
     pub(in crate::source) origins: Origins,
 }
 
 impl Account {
-    /// What the tags of a raster, if it has any, and the files beside it say.
+    /// Gathers the properties from the tags of a raster, if it has any, and from its sidecars.
     ///
     /// # Errors
     /// [`Error::Unsupported`] for a coordinate system that is not understood, and for a place that
@@ -141,14 +141,14 @@ impl Account {
         Ok(account)
     }
 
-    /// What the `.aux.xml` of a raster of another format says of scale, offset and pixel is point.
+    /// Gathers scale, offset and pixel-is-point from the `.aux.xml` of a raster in another format.
     pub(in crate::source) fn beside(raster: &Path, limits: &Limits) -> Self {
         let raster = &sidecar::unpacked(raster);
         let mut account = Self::default();
         if let Some((path, aux)) = aux_xml::of(raster, limits) {
             account.warnings.extend(aux.warnings.iter().cloned());
             account.aux_name = file_name(&path);
-            // One with nothing but statistics comes and goes with every viewer.
+            // Image viewers write sidecars with nothing but statistics, and delete them again.
             if aux != AuxXml::default() {
                 account.files.push(path);
             }
@@ -157,12 +157,13 @@ impl Account {
         account
     }
 
-    /// True or false if the `.aux.xml` says what a pixel is.
+    /// True if the `.aux.xml` says that pixels are points, false if areas; `None` if it does not
+    /// say.
     pub(in crate::source) fn aux_pixel_is_point(&self) -> Option<bool> {
         self.aux.pixel_is_point
     }
 
-    /// What is known of a band, from 1.
+    /// The properties of a band, counted from 1.
     ///
     /// # Errors
     /// [`Error::Format`] for a scale or offset that is no finite number.
@@ -181,7 +182,7 @@ impl Account {
         Ok(Band { nodata, scale, offset, unit: unit.unwrap_or((1.0, String::new())), origins })
     }
 
-    /// Nodata of a band.
+    /// Nodata value of a band, with its origin.
     pub(in crate::source) fn nodata(&self, number: u32) -> Option<(f64, Origin)> {
         let said = self.aux.bands.get(&number).and_then(|band| band.nodata.as_deref());
         let aux = said.and_then(metadata::number).map(|value| (value, self.aux_origin()));
@@ -191,13 +192,13 @@ impl Account {
         })
     }
 
-    /// Role of a band, unless only its place among the others tells.
+    /// Role of a band, if it is stated; else its position decides.
     pub(in crate::source) fn role(&self, number: u32) -> Option<Role> {
         let aux = self.aux.bands.get(&number).and_then(|band| band.role);
         aux.or_else(|| self.items.get(&number).and_then(|items| items.role))
     }
 
-    /// Something to say of the raster.
+    /// Adds a warning.
     fn warn(&mut self, text: &str) {
         self.warnings.push(format!("{}: {text}", self.name));
     }
@@ -247,7 +248,7 @@ impl Account {
         if let Some(transform) = self.aux.transform {
             (self.geo.transform, self.origins.place) = (Some(transform), Some(self.aux_origin()));
         } else if self.aux.control_points {
-            // They hide whatever else places the raster.
+            // Control points hide every other georeference.
         } else if let Some((transform, tag)) = self.tags.transform {
             (self.geo.transform, self.origins.place) = (Some(transform), Some(Origin::Tag(tag)));
         } else {
@@ -257,7 +258,7 @@ impl Account {
         Ok(())
     }
 
-    /// Takes the place from a world file, if there is one.
+    /// Takes the place from a world file if there is one.
     fn world(&mut self, raster: &Path, limits: &Limits) {
         let extension =
             raster.extension().map(|word| word.to_string_lossy().into_owned()).unwrap_or_default();
@@ -275,7 +276,7 @@ impl Account {
         self.files.push(path);
     }
 
-    /// Finds the coordinate system, and what a pixel is.
+    /// Finds the coordinate system and whether pixels are points.
     fn system(&mut self, raster: &Path, limits: &Limits) -> Result<()> {
         let by_aux = self.aux.srs.is_some() || !self.tags.has_keys;
         let own = self.tags.pixel_is_point;
@@ -312,7 +313,7 @@ impl Account {
         Ok(())
     }
 
-    /// Warns of a coordinate system without a place, and of nodata that is no number.
+    /// Warns of a coordinate system without a place, and of a nodata value that is not a number.
     fn doubt(&mut self) {
         if self.geo.transform.is_none() && self.geo.crs.kind != CrsKind::Engineering {
             self.warn(&format!(
@@ -348,33 +349,32 @@ fn prj(raster: &Path, limits: &Limits) -> Result<Option<(PathBuf, Crs)>> {
     Ok(Some((path, of_text(&system, &text))))
 }
 
-/// `dem.prj` and what it says, if there is one.
+/// The path and text of `dem.prj`, if there is one.
 pub(in crate::source) fn prj_text(raster: &Path, limits: &Limits) -> Result<Option<(PathBuf, String)>> {
     let Some(path) = sidecar::beside(raster, &["prj".to_owned()]) else { return Ok(None) };
     let text = sidecar::text(&path, limits)?;
     Ok(Some((path, text)))
 }
 
-/// True if nothing is known of a coordinate system but its unit.
+/// True if only the unit of a coordinate system is known.
 pub(in crate::source) fn is_unknown(crs: &Crs) -> bool {
     crs.kind == CrsKind::Engineering && crs.epsg.is_none() && crs.name.is_empty()
 }
 
-/// No coordinate system.
+/// An unknown coordinate system.
 fn unknown() -> Crs {
     crate::crs::geokeys::read(crate::geo::GeoKeys::default()).crs
 }
 
-/// A coordinate system as it is kept; a projection that has no name here keeps the words of the
-/// text.
+/// The CRS to record; a projection without a known name keeps the text.
 fn of_text(system: &Definition, text: &str) -> Crs {
     crate::crs::read(text).unwrap_or_else(|_| system.crs())
 }
 
-/// What a text says, refused where x would not be east.
+/// The coordinate system that a text defines; refused if x is not east.
 fn system_of(text: &str, axes: Option<&str>) -> Result<Definition> {
     let system = Definition::read(text)?;
-    // Where the text does not list its axes, x is east whatever the sidecar numbers.
+    // If the text does not list its axes, x is east whatever axis numbers the sidecar gives.
     let listed =
         text.to_ascii_uppercase().contains("AXIS[") || text.to_ascii_uppercase().starts_with("EPSG:");
     let first =
@@ -391,7 +391,7 @@ fn system_of(text: &str, axes: Option<&str>) -> Result<Definition> {
     Ok(system)
 }
 
-/// Refuses a raster that a `MapInfo` table places, which GDAL takes before a world file.
+/// Refuses a raster placed by a `MapInfo` table, which GDAL reads before a world file.
 fn refuse_table(raster: &Path, limits: &Limits) -> Result<()> {
     let Some(path) = sidecar::beside(raster, &["tab".to_owned()]) else { return Ok(()) };
     let text = sidecar::text(&path, limits)?.to_ascii_lowercase();

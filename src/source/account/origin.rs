@@ -1,18 +1,18 @@
-//! Where what is known of a raster was found.
+//! Where the properties of a raster were found.
 
 use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// What said something of a raster. Names are of files, without folders; empty for a file of each
-/// raster of a mosaic.
+/// Where a property of a raster was found. Names are of files, without folders; empty if each
+/// raster of a mosaic has its own.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Origin {
     /// A tag of the TIFF, by number.
     Tag(u16),
-    /// The keys of GeoTIFF.
+    /// The GeoTIFF keys.
     GeoKeys,
     /// The XML in TIFF tag 42112.
     GdalMetadata,
@@ -24,19 +24,19 @@ pub enum Origin {
     Prj(String),
     /// A mask beside the raster, `dem.tif.msk`.
     MaskFile(String),
-    /// A mask or an alpha band within the raster.
+    /// A mask or an alpha band in the raster itself.
     Inside,
     /// A virtual raster.
     Vrt(String),
     /// The name of the file.
     FileName,
-    /// The format, which knows nothing else.
+    /// The format, which allows no other value.
     Format,
-    /// GDAL, which read the file.
+    /// GDAL, as the reader of the file.
     Driver,
     /// The user.
     User,
-    /// The rasters of a mosaic, each in its way.
+    /// Different origins in the rasters of a mosaic.
     Several,
 }
 
@@ -66,7 +66,7 @@ impl fmt::Display for Origin {
 }
 
 impl Origin {
-    /// That of two rasters of a mosaic.
+    /// The common origin of two rasters of a mosaic.
     fn joined(self, other: &Self) -> Self {
         if self == *other {
             return self;
@@ -82,7 +82,7 @@ impl Origin {
     }
 }
 
-/// Where each thing that is known of a raster was found; `None` for what nothing said.
+/// Where each property of a raster was found; `None` for one that is not given.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Origins {
@@ -103,7 +103,7 @@ pub struct Origins {
 }
 
 impl Origins {
-    /// All with their names, for a report.
+    /// All properties with their names.
     pub fn all(&self) -> [(&'static str, Option<&Origin>); 7] {
         [
             ("place", self.place.as_ref()),
@@ -116,14 +116,14 @@ impl Origins {
         ]
     }
 
-    /// Those that are known, by name, as they are told and recorded.
+    /// The known origins as text, by property name, as printed and recorded.
     pub fn texts(&self) -> BTreeMap<String, String> {
         let known =
             self.all().into_iter().filter_map(|(name, origin)| Some((name.to_owned(), origin?.to_string())));
         known.collect()
     }
 
-    /// Those of a mosaic: of each thing what is common to all rasters that say it.
+    /// The origins of a mosaic: for each property, the common origin of all rasters that have it.
     pub(in crate::source) fn joined<'a>(mut all: impl Iterator<Item = &'a Self>) -> Self {
         let mut joined = all.next().cloned().unwrap_or_default();
         for other in all {

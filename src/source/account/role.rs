@@ -1,4 +1,4 @@
-//! What a band is: a colour, grey, an index, alpha.
+//! The role of a band: a colour, grey, an index, alpha.
 
 /// GDAL's colour interpretation of a band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -10,12 +10,12 @@ pub(in crate::source) enum Role {
     Green,
     Blue,
     Alpha,
-    /// One of cyan, hue, lightness and their like.
+    /// Cyan, hue, lightness and the like.
     Other,
 }
 
 impl Role {
-    /// The role of a name of GDAL's, in any case.
+    /// The role of one of GDAL's names, ignoring case.
     pub(super) fn of_name(name: &str) -> Option<Self> {
         Some(match name.trim().to_ascii_lowercase().as_str() {
             "undefined" => Self::Undefined,

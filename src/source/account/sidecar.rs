@@ -1,4 +1,4 @@
-//! Files that lie beside a raster: found, and read.
+//! Finds and reads files beside a raster.
 
 use std::ffi::OsString;
 use std::io::Read;
@@ -7,25 +7,24 @@ use std::path::{Path, PathBuf};
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 
-/// Entries of a folder that are looked through for a name in another case, as GDAL does.
+/// Most entries of a folder searched for a name in another case, as in GDAL.
 const LISTED: usize = 1000;
 
-/// The name that a raster has when it is not gzipped, beside which its files lie.
+/// The path of a raster without `.gz`, after which its sidecars are named.
 pub(super) fn unpacked(raster: &Path) -> PathBuf {
     let is_packed = raster.extension().is_some_and(|word| word.eq_ignore_ascii_case("gz"));
     if is_packed { raster.with_extension("") } else { raster.to_owned() }
 }
 
-/// The raster's full name with more behind it, as in `dem.tif.aux.xml`, if there is such a file.
+/// The sidecar named after the whole raster, such as `dem.tif.aux.xml`; `None` if there is none.
 pub(super) fn appended(raster: &Path, more: &str) -> Option<PathBuf> {
     let mut name = raster.as_os_str().to_owned();
     name.push(more);
     Some(PathBuf::from(name)).filter(|path| path.is_file())
 }
 
-/// The first file that has the raster's name with one of some extensions, in any case: as they
-/// stand here, then in small or capital letters, then mixed if the folder is not too full to look
-/// through.
+/// The first sidecar with the raster's name and one of these extensions: first as given, then in
+/// lower or upper case, then in mixed case if the folder is not too full to search.
 pub(super) fn beside(raster: &Path, extensions: &[String]) -> Option<PathBuf> {
     for extension in extensions {
         let spelled = [extension.clone(), extension.to_ascii_lowercase(), extension.to_ascii_uppercase()];
@@ -43,7 +42,7 @@ pub(super) fn beside(raster: &Path, extensions: &[String]) -> Option<PathBuf> {
     })
 }
 
-/// Names in the raster's folder in their order; `None` if there are too many.
+/// Sorted names in the raster's folder; `None` if there are too many.
 fn listed(raster: &Path) -> Option<Vec<OsString>> {
     let folder = raster.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let entries = std::fs::read_dir(folder).ok()?.flatten().take(LISTED + 1);
@@ -52,7 +51,7 @@ fn listed(raster: &Path) -> Option<Vec<OsString>> {
     (names.len() <= LISTED).then_some(names)
 }
 
-/// All of a file that is not too long; what is no UTF-8 in it becomes U+FFFD.
+/// The content of a file that is not too long; bytes that are not UTF-8 become U+FFFD.
 pub(super) fn text(path: &Path, limits: &Limits) -> Result<String> {
     let read = || {
         let mut bytes = Vec::new();

@@ -1,10 +1,9 @@
-//! World files: six lines beside a raster that say where it lies.
+//! World files: six lines beside a raster with its geotransform.
 
 use crate::error::{Error, Result};
 use crate::source::metadata;
 
-/// Extensions of the world files of a raster with this extension, in the order in which GDAL tries
-/// them.
+/// Extensions of world files for a raster with this extension, in GDAL's order.
 pub(super) fn extensions(extension: &str) -> Vec<String> {
     let mut found = Vec::new();
     let mut letters = extension.chars();
@@ -16,13 +15,13 @@ pub(super) fn extensions(extension: &str) -> Vec<String> {
     found
 }
 
-/// Column step in x and y, row step in x and y, and the centre of the first pixel, to GDAL's order
-/// and the corner.
+/// The geotransform of a world file. The file gives the column step in x and y, the row step in x
+/// and y, and the centre of the first pixel.
 pub(super) fn parse(text: &str) -> Result<[f64; 6]> {
     let lines: Vec<&str> =
         text.lines().flat_map(|line| line.split('\r')).filter(|l| !l.trim().is_empty()).collect();
-    // One number a line, and GDAL takes what follows for a remark; other programs have them all in
-    // one line.
+    // GDAL reads one number a line and takes the rest for a remark; other programs write all
+    // numbers in one line.
     let words: Vec<&str> = if lines.len() < 6 { text.split_whitespace().collect() } else { lines };
     let numbers: Vec<f64> = words.iter().take(6).map_while(|word| metadata::number(word)).collect();
     match numbers[..] {

@@ -1,15 +1,15 @@
-//! XML that GDAL writes beside and into rasters, with the liberties that GDAL takes in reading it.
+//! XML that GDAL writes beside and into rasters, read as leniently as GDAL reads it.
 //!
-//! Names of elements and attributes are the same in any case. An element's text counts only if it
-//! is all that the element has: a comment beside it makes it none. A document that is not
-//! well-formed because of a bare `&` or of something behind its end is read all the same.
+//! Names of elements and attributes match in any case. The text of an element counts only if the
+//! element has nothing else, not even a comment. A document with a bare `&`, or with text behind
+//! its end, is read all the same.
 
 use roxmltree::Node;
 
 use crate::source::markup;
 
-/// Reads a document with a root of some name: `None` if the root has another name, `Err` with the
-/// reason if it is no XML.
+/// Reads a document whose root has this name: `None` for another root, `Err` with the reason if the
+/// text is not XML.
 pub(super) fn read<T>(text: &str, root: &str, read: impl Fn(Node<'_, '_>) -> T) -> Result<Option<T>, String> {
     let text = text.trim_start_matches('\u{feff}').trim();
     let found = |text: &str| {
@@ -20,7 +20,7 @@ pub(super) fn read<T>(text: &str, root: &str, read: impl Fn(Node<'_, '_>) -> T) 
     found(text).or_else(|reason| found(&mended(text, root)).map_err(|_: String| reason))
 }
 
-/// The text with every bare `&` written out, and without what follows the end of the root.
+/// The text with every bare `&` escaped, and without what follows the end of the root.
 fn mended(text: &str, root: &str) -> String {
     let close = format!("</{root}>");
     let text = text.rfind(&close).map_or(text, |at| &text[..at + close.len()]);
@@ -38,27 +38,27 @@ fn mended(text: &str, root: &str) -> String {
     mended
 }
 
-/// True if an element has a name.
+/// True if an element has this name.
 pub(super) fn is(node: Node<'_, '_>, name: &str) -> bool {
     node.is_element() && node.tag_name().name().eq_ignore_ascii_case(name)
 }
 
-/// The elements of a name within another.
+/// The children with this name.
 pub(super) fn children<'a, 'i>(node: Node<'a, 'i>, name: &str) -> impl Iterator<Item = Node<'a, 'i>> {
     node.children().filter(move |child| is(*child, name))
 }
 
-/// The first of them.
+/// The first child with this name.
 pub(super) fn child<'a, 'i>(node: Node<'a, 'i>, name: &str) -> Option<Node<'a, 'i>> {
     children(node, name).next()
 }
 
-/// What an attribute says.
+/// The value of an attribute.
 pub(super) fn attribute<'a>(node: Node<'a, '_>, name: &str) -> Option<&'a str> {
     node.attributes().find(|one| one.name().eq_ignore_ascii_case(name)).map(|one| one.value())
 }
 
-/// The text of an element; `None` if it is empty or has anything else in it.
+/// The text of an element; `None` if it is empty or the element has other content.
 pub(super) fn text<'a>(node: Node<'a, '_>) -> Option<&'a str> {
     let mut inside = node.children();
     match (inside.next(), inside.next()) {
@@ -67,7 +67,7 @@ pub(super) fn text<'a>(node: Node<'a, '_>) -> Option<&'a str> {
     }
 }
 
-/// The text of a child.
+/// The text of the first child with this name.
 pub(super) fn text_of<'a>(node: Node<'a, '_>, name: &str) -> Option<&'a str> {
     child(node, name).and_then(text)
 }

@@ -1,4 +1,4 @@
-//! What the rasters of one warp share: blocks that have been made, and operations that no thread is
+//! Caches shared by the rasters of one warp: finished blocks, and operations that no thread is
 //! using.
 
 use std::collections::{HashMap, VecDeque};
@@ -8,16 +8,16 @@ use super::operation::Operation;
 use crate::error::Result;
 use crate::source::Samples;
 
-/// Bytes of blocks kept: two rows of them for all but the widest rasters, as bands of rows share a
-/// row of blocks.
+/// Bytes of cached blocks. Bands of rows share a row of blocks, so two rows of blocks are kept for
+/// all but the widest rasters.
 const KEPT: usize = 64 << 20;
-/// Operations kept, each with a file open.
+/// Most cached operations, each of which keeps a file open.
 const IDLE: usize = 64;
 
-/// Number of the raster, column and row of the block.
+/// Key of a block: number of the raster, column and row.
 pub(super) type Id = (usize, u32, u32);
 
-/// Bounded, whatever the number of rasters.
+/// The caches, whose size does not depend on the number of rasters.
 #[derive(Default)]
 pub(super) struct Shared {
     kept: Mutex<Kept>,
@@ -25,7 +25,7 @@ pub(super) struct Shared {
 }
 
 impl Shared {
-    /// A block, made if it is not kept.
+    /// A block from the cache, or else made by `make`.
     pub(super) fn block(&self, id: Id, make: impl FnOnce() -> Result<Samples>) -> Result<Arc<Samples>> {
         let kept = lock(&self.kept).get(id);
         if let Some(block) = kept {
@@ -36,20 +36,19 @@ impl Shared {
         Ok(block)
     }
 
-    /// An operation of a raster, for the caller alone until he puts it back.
+    /// An idle operation of a raster, which no one else gets until it is put back.
     pub(super) fn take(&self, raster: usize) -> Option<Operation> {
         let mut idle = lock(&self.idle);
         let at = idle.iter().rposition(|entry| entry.0 == raster)?;
         idle.remove(at).map(|entry| entry.1)
     }
 
-    /// Keeps an operation for later, and ends the one that has waited longest if there are too
-    /// many.
+    /// Returns an operation to the cache; if the cache is full, drops the one idle longest.
     pub(super) fn put_back(&self, raster: usize, operation: Operation) {
         let mut idle = lock(&self.idle);
         idle.push_back((raster, operation));
         let oldest = if idle.len() > IDLE { idle.pop_front() } else { None };
-        // Closing a file takes time that no other thread should wait for.
+        // Closing a file takes time, during which no other thread should wait.
         drop(idle);
         drop(oldest);
     }
@@ -59,7 +58,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Blocks that are kept, the least recently used ones going first.
+/// Cached blocks; the least recently used are dropped first.
 #[derive(Default)]
 struct Kept {
     blocks: HashMap<Id, (u64, Arc<Samples>)>,

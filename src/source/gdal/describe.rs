@@ -1,4 +1,4 @@
-//! What GDAL says of a raster: size, type, georeference, units.
+//! Properties of a raster as GDAL gives them: size, type, georeference, units.
 
 use std::ffi::{CStr, c_char};
 use std::path::{Path, PathBuf};
@@ -19,8 +19,7 @@ use crate::source::{
     Origin, Origins, Part, ReadMemory, SourceInfo, account, file_name, metadata, unit, warn,
 };
 
-/// Everything known at once, and what says which samples are valid. `chosen` is the band, from 1,
-/// if somebody chose it.
+/// All properties, and the kind of validity. `chosen` is the band, from 1, if the user chose one.
 pub(super) fn describe(
     dataset: &Dataset,
     path: &Path,
@@ -42,7 +41,7 @@ pub(super) fn describe(
     }
     let validity = validity(&band, alpha, nodata).map_err(wrong)?;
     if let (Validity::Mask, Some(value)) = (validity, nodata) {
-        // As GDAL: where there is a mask it alone counts.
+        // As in GDAL, a mask overrides the nodata value.
         warnings.push(warn::mask_and_nodata(path, value));
         nodata = None;
     }
@@ -78,7 +77,7 @@ pub(super) fn describe(
     Ok((info, validity))
 }
 
-/// What a band says it is, if that is no heights.
+/// The role of a band, if it is not heights.
 fn colours(band: &RasterBand<'_>) -> Option<&'static str> {
     match band.color_interpretation() {
         ColorInterpretation::PaletteIndex => Some("palette"),
@@ -89,7 +88,8 @@ fn colours(band: &RasterBand<'_>) -> Option<&'static str> {
     }
 }
 
-/// Where all but the unit was found; whether there are a place, a coordinate system and nodata.
+/// Origins of all properties but the unit; the flags say which of place, coordinate system and
+/// nodata there are.
 fn origins(
     band: &RasterBand<'_>,
     (place, crs, nodata): (bool, bool, bool),
@@ -108,8 +108,8 @@ fn origins(
     }
 }
 
-/// The coordinate system of a dataset, or of a `.prj` beside one that has a place and no system,
-/// and that file.
+/// The coordinate system of a dataset. A dataset with a place but no coordinate system takes that
+/// of the `.prj` beside it; then the path of the `.prj` is returned too.
 fn spatial(
     dataset: &Dataset,
     path: &Path,
@@ -126,7 +126,7 @@ fn spatial(
     })
 }
 
-/// The coordinate system in a `.prj` beside a raster, which GDAL passes over beside most formats.
+/// The coordinate system in a `.prj` beside a raster, which GDAL ignores for most formats.
 pub(in crate::source) fn prj(raster: &Path, limits: &Limits) -> Result<Option<(PathBuf, SpatialRef)>> {
     let Some((path, text)) = account::prj_text(raster, limits)? else { return Ok(None) };
     let read = SpatialRef::from_esri(&text).or_else(|_| SpatialRef::from_wkt(&text));
@@ -134,7 +134,7 @@ pub(in crate::source) fn prj(raster: &Path, limits: &Limits) -> Result<Option<(P
     Ok(Some((path.clone(), read.map_err(wrong)?)))
 }
 
-/// The band of a number, which the dataset has.
+/// The band with a number, which must be one of the dataset.
 fn band_of<'a>(
     dataset: &'a Dataset,
     number: u32,
@@ -155,7 +155,7 @@ fn band_of<'a>(
     })
 }
 
-/// The first alpha band, from 1, unless that is the band itself.
+/// The first alpha band, from 1, unless it is the band itself.
 fn alpha(dataset: &Dataset, number: u32) -> Option<usize> {
     let is_alpha = |&band: &usize| {
         let band = dataset.rasterband(band);
@@ -174,8 +174,7 @@ fn validity(band: &RasterBand<'_>, alpha: Option<usize>, nodata: Option<f64>) ->
     })
 }
 
-/// What GDAL's driver takes to decode a block, and a mask; its cache of decoded ones is bounded
-/// apart.
+/// Memory that GDAL takes to decode a block and a mask. Its block cache is bounded separately.
 fn reading(block: (usize, usize), width: usize, sample_type: SampleType) -> ReadMemory {
     let bytes = (block.0 as u64).saturating_mul(block.1 as u64).saturating_mul(sample_type.bytes() as u64);
     let across = width.div_ceil(block.0.max(1)) as f64;
@@ -187,7 +186,7 @@ fn reading(block: (usize, usize), width: usize, sample_type: SampleType) -> Read
     }
 }
 
-/// Width or height of a raster, checked.
+/// Width or height of a raster, checked against the limits.
 pub(super) fn side(what: &str, value: u64, limits: &Limits) -> Result<u32> {
     match u32::try_from(value) {
         Ok(0) => Err(Error::format(what, "at least 1", 0)),
@@ -204,7 +203,7 @@ fn sample_type(band: &RasterBand<'_>) -> Result<SampleType> {
     }
     let found = SampleType::ALL.into_iter().find(|kind| kind.gdal_name() == name);
     found.ok_or_else(|| {
-        // The bindings have no name for the complex types.
+        // The bindings have no names for complex types.
         let what = if name == "Unknown" { "complex samples".to_owned() } else { format!("{name} samples") };
         Error::unsupported(what, "convert it with gdal_translate -ot Float32 (or Int32, Float64)")
     })
@@ -227,7 +226,7 @@ pub(super) fn crs(spatial: Option<&SpatialRef>) -> (Crs, Option<(f64, String)>) 
     let vertical_unit = attribute("VERT_CS|UNIT", 0).zip(attribute("VERT_CS|UNIT", 1));
     let vertical_unit = vertical_unit.and_then(|(name, metres)| {
         let written = metadata::number(&metres)?;
-        // WKT has 15 digits.
+        // WKT gives only 15 digits.
         let exact = unit::metres_of(&name).filter(|exact| (exact / written - 1.0).abs() < 1e-9);
         Some((exact.unwrap_or(written), name))
     });
@@ -246,8 +245,8 @@ pub(super) fn crs(spatial: Option<&SpatialRef>) -> (Crs, Option<(f64, String)>) 
     (crs, vertical_unit)
 }
 
-/// EPSG code of a part of a coordinate system itself, not of what that is made of (a user's own
-/// projection has none, its datum has one).
+/// EPSG code of a node of a coordinate system itself, not of its parts: a user's own projection has
+/// no code although its datum has one.
 fn epsg_code(spatial: &SpatialRef, node: &CStr) -> Option<u32> {
     // SAFETY: the system is valid, the node a C string; what comes back is null or a C string that
     // lives as long as the system is not changed, and is copied here.
@@ -269,14 +268,14 @@ fn ellipsoid(spatial: &SpatialRef) -> Option<Ellipsoid> {
     (a > 0.0 && b > 0.0).then_some(Ellipsoid { a, inverse_flattening })
 }
 
-/// WKT 2, which the bindings give only by way of an option of the thread.
+/// The text as WKT 2, which the bindings give only through an option of the thread.
 pub(super) fn wkt2(spatial: &SpatialRef) -> String {
     let option = "OSR_WKT_FORMAT";
     if gdal::config::set_thread_local_config_option(option, "WKT2_2019").is_err() {
         return String::new();
     }
     let text = spatial.to_wkt().unwrap_or_default();
-    // Failing to clear it would only mean WKT 2 for others on this thread.
+    // If this fails, other exports of this thread would be WKT 2 as well.
     let _ = gdal::config::clear_thread_local_config_option(option);
     text
 }

@@ -1,4 +1,4 @@
-//! The files behind a GDAL dataset as they are now: on disk, in archives, or on a server.
+//! The files behind a GDAL dataset and their current state: on disk, in archives, or on a server.
 
 use std::ffi::{CStr, CString};
 use std::path::{Path, PathBuf};
@@ -8,8 +8,7 @@ use gdal::Dataset;
 use crate::error::Result;
 use crate::source::{FileStamp, Fingerprint, file_name};
 
-/// The files that a dataset says it is made of, the file itself first; of a VRT also those it
-/// refers to.
+/// The files of a dataset, the main file first; for a VRT also the files that it names.
 pub(in crate::source) fn of(dataset: &Dataset, path: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     // SAFETY: the dataset is open; the list ends with a null pointer, its entries are C strings,
@@ -30,8 +29,8 @@ pub(in crate::source) fn of(dataset: &Dataset, path: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// Their stamps. A local file must be there. One of GDAL's virtual files has the stamp of the
-/// archive it lies in, or, if there is none, what GDAL says of it: length 0 once it is gone.
+/// The fingerprint of files. A local file must exist. A virtual file of GDAL's has the stamp of its
+/// archive, or if there is none, the properties that GDAL gives: length 0 once it is gone.
 pub(in crate::source) fn fingerprint(files: &[PathBuf]) -> Result<Fingerprint> {
     let stamp = |path: &PathBuf| {
         if path.exists() {
@@ -40,7 +39,7 @@ pub(in crate::source) fn fingerprint(files: &[PathBuf]) -> Result<Fingerprint> {
         if let Some(archive) = archive(path) {
             return Ok(FileStamp { name: file_name(path), ..FileStamp::of(&archive)? });
         }
-        // Also `NETCDF:"file":variable` and its kind, if GDAL names no file for it.
+        // Also names such as `NETCDF:"file":variable`, if GDAL lists no file for them.
         let text = path.to_string_lossy();
         if text.starts_with("/vsi") || text.contains([':', '"']) {
             Ok(remote(path))
@@ -51,8 +50,8 @@ pub(in crate::source) fn fingerprint(files: &[PathBuf]) -> Result<Fingerprint> {
     Ok(Fingerprint { files: files.iter().map(stamp).collect::<Result<_>>()? })
 }
 
-/// The local archive of `/vsizip/folder/a.zip/dem.tif`, also chained (`/vsitar//vsigzip/…`) or in
-/// braces.
+/// The local archive of a path such as `/vsizip/folder/a.zip/dem.tif`, also chained
+/// (`/vsitar//vsigzip/…`) or in braces.
 fn archive(path: &Path) -> Option<PathBuf> {
     let text = path.to_string_lossy();
     let mut rest = text.strip_prefix("/vsi")?.split_once('/')?.1;
@@ -60,14 +59,14 @@ fn archive(path: &Path) -> Option<PathBuf> {
         rest = inner.split_once('/')?.1;
     }
     let rest = rest.replace(['{', '}'], "");
-    // Absolute names have a second slash, `/vsizip//data/a.zip`; users also leave it out.
+    // Absolute paths have a second slash, `/vsizip//data/a.zip`, which users sometimes leave out.
     [PathBuf::from(&rest), PathBuf::from(format!("/{rest}"))]
         .into_iter()
         .find_map(|name| name.ancestors().find(|folder| folder.is_file()).map(Path::to_owned))
 }
 
-/// What GDAL says of a file that is not on this machine. Its caches are emptied first: they would
-/// say what was.
+/// The stamp of a file that is not on this machine. GDAL's caches are emptied first, as they hold
+/// its former state.
 fn remote(path: &Path) -> FileStamp {
     let name = file_name(path);
     let Ok(c_path) = CString::new(path.to_string_lossy().into_owned()) else {

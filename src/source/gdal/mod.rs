@@ -1,10 +1,10 @@
-//! Any raster that GDAL opens, behind the feature `gdal`: other formats, and TIFFs with
-//! compressions not read natively.
+//! Rasters read by GDAL, behind the feature `gdal`: other formats, and TIFFs with compressions not
+//! read natively.
 //!
-//! Band 1 is the elevation unless another is asked for. GDAL's mask comes along where it says more
-//! than the nodata value does, or an alpha band in which GDAL sees no mask. A GDAL dataset serves
-//! one thread at a time, so reads are serialised; GDAL's own block cache keeps what bands share.
-//! GDAL's messages are not printed: they come back in the errors.
+//! Band 1 holds the heights unless another is chosen. GDAL's mask is used if it holds more than the
+//! nodata value, or an alpha band that GDAL does not take for a mask. A GDAL dataset serves one
+//! thread at a time, so reads are serialised; GDAL's block cache keeps blocks that bands share.
+//! GDAL's messages are not printed but become part of errors.
 
 mod blocks;
 pub(super) mod describe;
@@ -38,14 +38,14 @@ pub struct GdalSource {
     validity: Validity,
 }
 
-/// What says which samples are valid, besides the nodata value.
+/// How valid samples are marked, besides the nodata value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Validity {
-    /// Nothing.
+    /// Not at all.
     All,
     /// GDAL's mask of the band.
     Mask,
-    /// A band that is alpha, from 1: valid where it is not 0.
+    /// An alpha band, from 1: a sample is valid where it is not 0.
     Alpha(usize),
 }
 
@@ -55,7 +55,7 @@ impl GdalSource {
         Self::open_band(path, None, limits)
     }
 
-    /// [`GdalSource::open`] of a band that is chosen, from 1.
+    /// Opens a raster as [`GdalSource::open`] does, with the heights in band `chosen`, from 1.
     pub fn open_band(path: &Path, chosen: Option<u32>, limits: &Limits) -> Result<Self> {
         let dataset = dataset(path)?;
         let (info, validity) =
@@ -71,8 +71,8 @@ impl GdalSource {
         let dataset = self.dataset.lock().unwrap_or_else(PoisonError::into_inner);
         let band = dataset.rasterband(self.band)?;
         let samples = match self.info.sample_type {
-            // GDAL before 3.7 has no int8 and calls it a kind of byte; later ones convert to int16
-            // exactly.
+            // GDAL before 3.7 has no int8 and gives it as a kind of byte; later versions convert it
+            // to int16 exactly.
             SampleType::Int8 if band.band_type().name() == "Byte" => {
                 Samples::Int8(read::<u8>(&band, columns, rows)?.into_iter().map(u8::cast_signed).collect())
             }
@@ -92,7 +92,7 @@ impl GdalSource {
             Validity::Mask => Some(read(&band.open_mask_band()?, columns, rows)?),
             Validity::Alpha(alpha) => {
                 let alpha = read::<f64>(&dataset.rasterband(alpha)?, columns, rows)?;
-                // NaN says nothing, least of all that a sample is valid.
+                // NaN as alpha does not make a sample valid.
                 Some(alpha.into_iter().map(|alpha| u8::from(alpha.abs() > 0.0)).collect())
             }
         };
@@ -122,7 +122,7 @@ impl Source for GdalSource {
     }
 }
 
-/// Opens a raster, for reading only and for this caller only.
+/// Opens a dataset read-only and unshared.
 fn dataset(path: &Path) -> Result<Dataset> {
     static READY: Once = Once::new();
     READY.call_once(|| {
@@ -147,8 +147,7 @@ fn dataset(path: &Path) -> Result<Dataset> {
     })
 }
 
-/// Bytes of GDAL's cache of decoded blocks, of all rasters together, unless `GDAL_CACHEMAX` says
-/// otherwise.
+/// Bytes of GDAL's block cache for all rasters together, unless `GDAL_CACHEMAX` is set.
 const BLOCK_CACHE: i64 = 64 << 20;
 
 fn read<T: GdalType + Copy>(

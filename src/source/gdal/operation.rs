@@ -1,8 +1,8 @@
-//! GDAL's warper behind a safe face: one source, one band, blocks of one target grid into a buffer.
+//! A safe wrapper of GDAL's warper: warps one band of one source into blocks of a target grid.
 //!
-//! The transformation is exact for every sample (`gdalwarp -et 0`), and the ratio of the two
-//! resolutions, from which the widths of kernels follow, is that of the whole raster (`-wo
-//! XSCALE`), not of the block: a sample does not depend on the block it is made in.
+//! The transformation is exact for every sample (`gdalwarp -et 0`). The ratio of the two
+//! resolutions, which sets the kernel widths, is that of the whole raster (`-wo XSCALE`), not of
+//! the block, so a sample does not depend on the block it is made in.
 
 use std::ffi::{CStr, CString, c_int, c_void};
 use std::ptr;
@@ -17,36 +17,36 @@ use crate::sample::SampleType;
 use crate::source::Samples;
 use crate::source::warp::Resampling;
 
-/// What to make of a source.
+/// The parameters of a warp.
 #[derive(Clone, Debug)]
 pub(super) struct Request {
-    /// Coordinate system of the source, where it is not simply the dataset's own.
+    /// Coordinate system of the source, if not the dataset's own.
     pub(super) source_srs: Option<String>,
-    /// That of the target, as WKT; `None`: no change.
+    /// Coordinate system of the target as WKT; `None`: that of the source.
     pub(super) target_srs: Option<String>,
     /// The target grid.
     pub(super) lattice: Lattice,
     pub(super) resampling: Resampling,
-    /// The value that means void in the source.
+    /// The nodata value of the source.
     pub(super) source_nodata: Option<f64>,
-    /// The value that means void in the target.
+    /// The nodata value of the target.
     pub(super) nodata: f64,
-    /// Type of the target's samples.
+    /// Sample type of the target.
     pub(super) sample_type: SampleType,
     /// Number of the source's band, from 1.
     pub(super) band: c_int,
     /// Number of the source's alpha band; 0 if there is none.
     pub(super) alpha: c_int,
-    /// Target samples of a source sample along each axis.
+    /// Target samples per source sample along each axis.
     pub(super) scale: (f64, f64),
 }
 
-/// A warp of one dataset, for one thread at a time.
+/// A prepared warp of one dataset, for one thread at a time.
 pub(super) struct Operation {
     handle: gdal_sys::GDALWarpOperationH,
     transformer: *mut c_void,
     request: Request,
-    // Both of the above refer to it.
+    // The two handles above refer to the dataset.
     dataset: Dataset,
 }
 
@@ -56,7 +56,7 @@ pub(super) struct Operation {
 unsafe impl Send for Operation {}
 
 impl Operation {
-    /// Sets up the warp of a dataset, which it keeps.
+    /// Prepares the warp of a dataset.
     pub(super) fn new(dataset: Dataset, request: &Request) -> Result<Self> {
         let transformer = transformer(&dataset, request)?;
         let mut operation = Self { handle: ptr::null_mut(), transformer, request: request.clone(), dataset };
@@ -91,8 +91,8 @@ impl Operation {
             for (key, value) in [
                 (c"XSCALE", format!("{x:e}")),
                 (c"YSCALE", format!("{y:e}")),
-                // Curved edges of a block reach a little farther than the 21 points of each that
-                // GDAL looks at.
+                // The edges of a block may be curved and reach slightly beyond the 21 points of
+                // each that GDAL samples.
                 (c"SOURCE_EXTRA", "4".to_owned()),
                 (c"SAMPLE_GRID", "YES".to_owned()),
             ] {
@@ -107,10 +107,11 @@ impl Operation {
         if self.handle.is_null() { Err(failed("set up the warp")) } else { Ok(()) }
     }
 
-    /// The samples of a block of the target grid, which must lie in it: column, row, width, height.
+    /// Samples of a block `[column, row, width, height]` of the target grid, which must lie inside
+    /// it.
     pub(super) fn block(&self, [column, row, width, height]: [u32; 4]) -> Result<Samples> {
         let kind = self.request.sample_type;
-        // The warper writes only what the source covers.
+        // The warper writes only where the source has samples.
         let mut samples = filled(kind, width as usize * height as usize, self.request.nodata);
         let data: *mut c_void = crate::source::with_samples!(&mut samples, all => all.as_mut_ptr().cast());
         let [x, y, w, h] = [column, row, width, height].map(|value| value as c_int);
@@ -138,7 +139,8 @@ impl Drop for Operation {
     }
 }
 
-/// From samples of the target grid to samples of the source and back, exactly.
+/// The transformer between samples of the target grid and samples of the source, without
+/// approximation.
 fn transformer(dataset: &Dataset, request: &Request) -> Result<*mut c_void> {
     let mut options = gdal::cpl::CslStringList::new();
     for (key, value) in [("SRC_SRS", &request.source_srs), ("DST_SRS", &request.target_srs)] {
@@ -165,10 +167,9 @@ fn transformer(dataset: &Dataset, request: &Request) -> Result<*mut c_void> {
     if transformer.is_null() { Err(failed("transform its coordinates")) } else { Ok(transformer) }
 }
 
-/// One value in memory of GDAL's own allocator.
+/// Copies a value into memory of GDAL's allocator.
 ///
-/// # Safety
-/// What it gives must be freed by GDAL.
+/// # Safety The caller must have GDAL free the memory.
 #[expect(unsafe_code, reason = "GDAL frees it")]
 unsafe fn allocated<T>(value: T) -> *mut T {
     // SAFETY: CPLMalloc gives memory for any type, or ends the program.
@@ -179,7 +180,7 @@ unsafe fn allocated<T>(value: T) -> *mut T {
     }
 }
 
-/// An error in GDAL's words.
+/// The error of a failed call, with GDAL's message.
 pub(super) fn failed(what: &str) -> Error {
     // SAFETY: GDAL gives a C string that is valid until the next error of this thread; it is copied
     // here.
@@ -189,7 +190,7 @@ pub(super) fn failed(what: &str) -> Error {
     Error::unsupported(format!("GDAL cannot {what} ({message})"), "see what gdalwarp says of it")
 }
 
-/// So many samples of one value.
+/// `count` samples of one value.
 pub(super) fn filled(kind: SampleType, count: usize, value: f64) -> Samples {
     match kind {
         SampleType::Int8 => Samples::Int8(vec![value as i8; count]),
@@ -203,8 +204,7 @@ pub(super) fn filled(kind: SampleType, count: usize, value: f64) -> Samples {
     }
 }
 
-/// GDAL's number of a type. Not of int8, which not every version has: it is widened before it comes
-/// here.
+/// GDAL's number of a sample type. Not every version of GDAL has int8; it is widened by the caller.
 fn gdal_type(kind: SampleType) -> gdal_sys::GDALDataType::Type {
     match kind {
         SampleType::Uint8 | SampleType::Int8 => u8::gdal_ordinal(),

@@ -1,5 +1,4 @@
-//! The grid that rasters are warped to: one lattice for all of them, the one that `gdalwarp` makes
-//! of them.
+//! The target grid of a warp: one lattice for all rasters, as `gdalwarp` would choose it.
 
 use std::ffi::{CString, c_char};
 use std::ops::Range;
@@ -14,19 +13,19 @@ use crate::error::{Error, Result};
 use crate::geo::Crs;
 use crate::limits::Limits;
 
-/// A grid whose rows run east and whose columns run south.
+/// A grid with rows to the east and columns to the south.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Lattice {
-    /// West and north edge.
+    /// Coordinates of the west and the north edge.
     pub(super) corner: (f64, f64),
-    /// Steps east and south, both positive.
+    /// Steps to the east and to the south, both positive.
     pub(super) step: (f64, f64),
     pub(super) width: u32,
     pub(super) height: u32,
 }
 
 impl Lattice {
-    /// GDAL's geotransform.
+    /// The geotransform.
     pub(super) fn transform(&self) -> [f64; 6] {
         [self.corner.0, self.step.0, 0.0, self.corner.1, 0.0, -self.step.1]
     }
@@ -65,10 +64,10 @@ impl Lattice {
         })
     }
 
-    /// Columns and rows in which samples of a raster with these bounds can be.
+    /// Columns and rows that may hold samples of a raster with these bounds.
     pub(super) fn covered(&self, bounds: [f64; 4]) -> (Range<u32>, Range<u32>) {
         let [west, south, east, north] = bounds;
-        // Bounds are those of some points of its outline; between them it may bulge.
+        // The bounds are those of points of the outline, which may bulge between them.
         let range = |from: f64, to: f64, most: u32| {
             let (from, to) = (from.floor() - 2.0, to.ceil() + 2.0);
             let from = (from.max(0.0) as u32).min(most - 1);
@@ -81,7 +80,7 @@ impl Lattice {
         )
     }
 
-    /// A part of it.
+    /// A part of the lattice.
     pub(super) fn part(&self, columns: &Range<u32>, rows: &Range<u32>) -> Self {
         let at = |from: f64, step: f64, index: u32| from + step * f64::from(index);
         Self {
@@ -96,21 +95,21 @@ impl Lattice {
     }
 }
 
-/// A coordinate system without its vertical part: heights are never moved from one vertical datum
-/// to another.
+/// A coordinate system without its vertical part. Warping never converts heights to another
+/// vertical datum.
 pub(super) struct Horizontal {
-    /// As WKT 2.
+    /// The text as WKT 2.
     pub(super) wkt: String,
-    /// As recorded; the vertical part, if there is one, is still named.
+    /// The coordinate system to record, which still names the vertical part.
     pub(super) crs: Crs,
-    /// Metres and name of the vertical unit, if there is a vertical part.
+    /// Metres and name of the vertical unit, if there was a vertical part.
     pub(super) vertical_unit: Option<(f64, String)>,
-    /// True if there was a vertical part to take away.
+    /// True if a vertical part was removed.
     pub(super) stripped: bool,
 }
 
 impl Horizontal {
-    /// Of what the user gave: `EPSG:…`, WKT and all else that GDAL takes.
+    /// Parses a system given by the user: `EPSG:…`, WKT, or another form that GDAL reads.
     pub(super) fn of_user(text: &str) -> Result<Self> {
         let spatial = SpatialRef::from_definition(text).map_err(|error| {
             Error::usage(format!(
@@ -125,7 +124,7 @@ impl Horizontal {
         Ok(Self::of(&spatial))
     }
 
-    /// Of a dataset's own.
+    /// The horizontal part of a dataset's coordinate system.
     pub(super) fn of(spatial: &SpatialRef) -> Self {
         let (mut crs, vertical_unit) = describe::crs(Some(spatial));
         let plane = spatial.clone();
@@ -144,7 +143,7 @@ impl Horizontal {
     }
 }
 
-/// The grid that `gdalwarp` makes of a raster.
+/// The target grid that `gdalwarp` would choose for one raster.
 pub(super) fn suggested(
     dataset: &Dataset,
     source_srs: Option<&str>,
@@ -179,7 +178,7 @@ pub(super) fn suggested(
     })
 }
 
-/// Runs GDAL's own `gdalwarp` to a virtual raster, in which no sample is made.
+/// Runs GDAL's `gdalwarp` with a virtual raster as output, which computes no samples.
 fn gdalwarp(dataset: &Dataset, words: &[String]) -> Result<Dataset> {
     let words: Vec<CString> = words.iter().filter_map(|word| CString::new(word.as_str()).ok()).collect();
     let mut list: Vec<*mut c_char> = words.iter().map(|word| word.as_ptr().cast_mut()).collect();

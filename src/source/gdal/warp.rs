@@ -1,5 +1,5 @@
-//! Rasters warped to one grid while they are read, in bounded memory and without a file in between:
-//! what is asked for, what is refused, and the parts of the grid that each raster has.
+//! Rasters warped to one grid while they are read, in bounded memory and without temporary files:
+//! checks the request and finds the part of the grid of each raster.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -22,12 +22,12 @@ use crate::source::mosaic::Mosaic;
 use crate::source::warp::Warp;
 use crate::source::{OpenOptions, Part, ReadMemory, Source, SourceInfo, stated};
 
-/// Side of a block in samples of the target.
+/// Side of a block in target samples.
 const BLOCK: u32 = 128;
-/// Side of the source's window of a block, at most about that.
+/// Approximate largest side, in source samples, of the window that a block is made from.
 const SOURCE_SIDE: f64 = 4096.0;
 
-/// Opens rasters as one, on the grid that is asked for.
+/// Opens rasters as one source on the requested grid.
 pub fn open_all(
     paths: &[PathBuf],
     warp: &Warp,
@@ -42,7 +42,7 @@ pub fn open_all(
     }
 }
 
-/// The rasters one by one, each on its own part of the common grid.
+/// The rasters as separate sources, each on its part of the common grid.
 fn open_parts(
     paths: &[PathBuf],
     warp: &Warp,
@@ -57,7 +57,7 @@ fn open_parts(
         Some(text) => Some(Horizontal::of_user(text)?),
         None => looked_at.first().and_then(|first| first.spatial.as_ref()).map(Horizontal::of),
     };
-    // Of several, the lattice of all is made first, as gdalwarp does.
+    // With several rasters the common lattice is found first, as in gdalwarp.
     let alone = warp.resolution.filter(|_| looked_at.len() == 1);
     let plan = |original: &Original| {
         let (from, to) = original.systems(target.as_ref())?;
@@ -81,19 +81,19 @@ fn open_parts(
     Ok(parts)
 }
 
-/// A raster as it is, before it is warped.
+/// A raster before it is warped.
 struct Original {
     path: PathBuf,
     files: Vec<PathBuf>,
     info: SourceInfo,
     spatial: Option<SpatialRef>,
-    /// True if that stands in a file of which GDAL knows nothing.
+    /// True if the coordinate system comes from a `.prj` that GDAL ignores.
     is_beside: bool,
-    /// Number of its band of heights, from 1.
+    /// Number of the band of heights, from 1.
     band: i32,
-    /// Number of its alpha band; 0 if there is none.
+    /// Number of the alpha band; 0 if there is none.
     alpha: i32,
-    /// True if it has a place in the world, by a geotransform or otherwise.
+    /// True if the raster is placed in the world, by a geotransform or otherwise.
     placed: bool,
 }
 
@@ -128,8 +128,8 @@ impl Original {
         })
     }
 
-    /// What to tell the warper of the coordinate systems: of the source only if it is not simply
-    /// the dataset's own.
+    /// The coordinate systems to give to the warper. That of the source is given only if it differs
+    /// from the dataset's own.
     fn systems(&self, target: Option<&Horizontal>) -> Result<(Option<String>, Option<String>)> {
         if !self.placed {
             return Err(Error::unsupported(
@@ -157,7 +157,7 @@ impl Original {
     }
 }
 
-/// Refuses a target in other heights than the source's: warping moves no sample up or down.
+/// Refuses a target with another vertical system than the source: warping does not convert heights.
 fn check_vertical(own: &Horizontal, target: &Horizontal) -> Result<()> {
     let (from, to) = (&own.crs, &target.crs);
     let known = !from.vertical_name.is_empty() && !to.vertical_name.is_empty();
@@ -175,17 +175,16 @@ fn check_vertical(own: &Horizontal, target: &Horizontal) -> Result<()> {
     Ok(())
 }
 
-/// Target samples of one of the source, along one axis, as `gdalwarp` takes it from a raster that
-/// it warps in one go: 1 where it is about 1, and the reciprocal of a whole number where it is
-/// about that.
+/// Target samples per source sample along an axis, as `gdalwarp` computes it for a whole raster:
+/// rounded to 1 or to the reciprocal of an integer if close to one.
 fn ratio(target: u32, source: u32) -> f64 {
     let ratio = f64::from(target) / f64::from(source);
     let reciprocal = (1.0 / ratio).round();
     if ratio < 1.0 && (1.0 / ratio - reciprocal).abs() < 0.05 { 1.0 / reciprocal } else { ratio }
 }
 
-/// Type of the warped samples, and a value that means void and that none of them has: the source's
-/// own type and nodata value, NaN for floats without one, and for integers without one the next
+/// Sample type and nodata value of the warped raster; no sample may equal that value. These are the
+/// source's own, with NaN for floats without a nodata value. Integers without one get the next
 /// wider type and its lowest value.
 fn target_samples(own: &SourceInfo) -> Result<(SampleType, f64)> {
     use SampleType::{Float32, Float64, Int8, Int16, Int32, Uint8, Uint16, Uint32};
@@ -201,7 +200,7 @@ fn target_samples(own: &SourceInfo) -> Result<(SampleType, f64)> {
         Uint32 => (0.0, f64::from(u32::MAX)),
     };
     if own.sample_type == Int8 {
-        // GDAL before 3.7 calls them bytes and would warp them as such.
+        // GDAL before 3.7 calls int8 bytes and would warp it as such.
         return Err(Error::unsupported(
             "warping of 8-bit signed samples",
             "convert it with gdal_translate -ot Int16",
@@ -220,8 +219,7 @@ fn warped_info(original: &Original, request: &Request, target: Option<&Horizonta
     let mut crs = target.map_or_else(|| own.geo.crs.clone(), |target| target.crs.clone());
     let mut vertical_unit = own.vertical_unit.clone();
     if own.geo.crs.vertical_name.is_empty() {
-        // What the file does not say of its heights, the user has said by naming a system with a
-        // vertical part.
+        // If the file has no vertical system, the one in the user's target system counts.
         let stated = target.and_then(|target| target.vertical_unit.clone());
         if let (true, Some(stated)) = (vertical_unit.1.is_empty(), stated) {
             vertical_unit = stated;
@@ -247,14 +245,13 @@ fn warped_info(original: &Original, request: &Request, target: Option<&Horizonta
         parts: vec![part],
         description: format!("{}, warped ({})", own.description, request.resampling.name()),
         block_rows: side,
-        // A mask goes with what is warped; blocks that have been made are kept in a room of their
-        // own.
+        // The mask is warped with the samples; finished blocks have a cache of their own.
         reading: ReadMemory { sample: request.sample_type.bytes() as u64 + 1, ..own.reading },
         ..own.clone()
     }
 }
 
-/// The call of GDAL's program that makes the same samples.
+/// The `gdalwarp` command that makes the same samples.
 fn command(request: &Request, target: Option<&Horizontal>) -> String {
     let mut words = vec!["gdalwarp -ovr NONE -et 0".to_owned()];
     match target.map(|target| (target.crs.epsg, &target.wkt)) {

@@ -1,7 +1,7 @@
-//! A raster that is warped while it is read, block by block.
+//! A raster that is warped block by block while it is read.
 //!
-//! Every sample is made in the same block of the raster, whatever window is read, by whichever
-//! thread: reading in other windows, with other memory or on more threads gives the same bits.
+//! Every sample is made as part of the same block whatever window is read, so windows, memory and
+//! number of threads do not change a bit.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -23,14 +23,13 @@ pub(super) struct Warped {
     pub(super) request: Request,
     /// Side of a block in samples.
     pub(super) side: u32,
-    /// Its number among those of the warp.
+    /// Number of this raster among those of the warp.
     pub(super) number: usize,
     pub(super) shared: Arc<Shared>,
 }
 
 impl Warped {
-    /// Sets up an operation, as every thread needs one; the first one shows whether the request
-    /// makes sense.
+    /// Prepares an operation, as each thread will, to find out whether the request is valid.
     pub(super) fn check(&self) -> Result<()> {
         self.shared.put_back(self.number, self.operation()?);
         Ok(())
@@ -66,7 +65,7 @@ impl Source for Warped {
             .flat_map(|y| blocks(&columns).map(move |x| (x, y)))
             .filter(|_| !columns.is_empty() && !rows.is_empty())
             .collect();
-        // A few at a time, so that a wide window does not have all of them in memory twice.
+        // A few at a time: otherwise a wide window would be in memory twice.
         for some in ids.chunks(8 * rayon::current_num_threads().max(1)) {
             let made: Vec<_> = some
                 .par_iter()
@@ -101,7 +100,7 @@ impl Source for Warped {
     }
 }
 
-/// Copies some samples of a row; both must be of one type.
+/// Copies `count` samples of a row; both must be of the same type.
 fn copy(from: &Samples, start: usize, to: &mut Samples, at: usize, count: usize) {
     macro_rules! rows {
         ($($kind:ident),*) => {

@@ -1,5 +1,5 @@
-//! A window of a mosaic while members are put together, one after the other, in the type of the
-//! result.
+//! A window of a mosaic while its members are added, one after the other, in the sample type of the
+//! mosaic.
 
 use std::ops::Range;
 
@@ -10,16 +10,16 @@ use crate::source::{Nodata, Overlap, Rect, Samples, Window};
 
 /// A sample type.
 pub(super) trait Number: Copy + PartialOrd + Send + Sync + Default {
-    /// The number itself.
+    /// The number as float64.
     fn value(self) -> f64;
-    /// The nearest number of this type, of two as near the one away from zero; for a value outside,
-    /// the last one.
+    /// The nearest number of this type, halves away from zero; values outside the range give its
+    /// end.
     fn nearest(value: f64) -> Self;
-    /// Neither NaN nor infinite.
+    /// True if the number is neither NaN nor infinite.
     fn is_finite(self) -> bool;
-    /// Samples of this type.
+    /// Wraps samples of this type.
     fn pack(samples: Vec<Self>) -> Samples;
-    /// The samples, if they are of this type.
+    /// The samples if they are of this type.
     fn unpack(samples: &Samples) -> Option<&[Self]>;
 }
 
@@ -100,9 +100,9 @@ macro_rules! with_number {
     };
 }
 
-/// True if a type has every value of another.
+/// True if type `wide` holds every value of type `narrow`.
 pub(crate) fn holds_all(wide: SampleType, narrow: SampleType) -> bool {
-    // Bits of a whole number that a type holds, and whether it has a sign.
+    // Bits that hold integers exactly, and whether the type is signed.
     let bits = |kind| match kind {
         SampleType::Int8 => (7, true),
         SampleType::Uint8 => (8, false),
@@ -117,7 +117,7 @@ pub(crate) fn holds_all(wide: SampleType, narrow: SampleType) -> bool {
     wide_bits >= bits && (wide_sign || !sign) && (wide.is_float() || !narrow.is_float())
 }
 
-/// A window being put together.
+/// A window under construction.
 pub(super) struct Canvas<T> {
     area: Rect,
     overlap: Overlap,
@@ -125,11 +125,11 @@ pub(super) struct Canvas<T> {
     samples: Vec<T>,
     /// 1 where there is a valid sample.
     valid: Vec<u8>,
-    /// Sum and number of samples, for their mean.
+    /// Sum and number of samples, for `Overlap::Mean`.
     sums: Vec<(f64, u32)>,
 }
 
-/// One row of a member.
+/// A row of a member.
 struct Row<T> {
     samples: Vec<T>,
     values: Vec<f64>,
@@ -137,8 +137,8 @@ struct Row<T> {
 }
 
 impl<T: Number> Canvas<T> {
-    /// A window without a valid sample; voids hold `fill`, or else the mask of the result says
-    /// where they are.
+    /// A window without valid samples. Voids hold `fill`, or if there is none, are marked in a
+    /// mask.
     pub(super) fn new(
         columns: &Range<u32>,
         rows: &Range<u32>,
@@ -158,8 +158,7 @@ impl<T: Number> Canvas<T> {
         })
     }
 
-    /// Adds what a member has of the window; samples of the result that `nodata` stands for are
-    /// void.
+    /// Adds the samples of a member; those that `nodata` makes void in the mosaic are skipped.
     pub(super) fn paint(&mut self, member: &Member, window: &Window, nodata: Nodata) {
         let area = member.common(&self.area.columns, &self.area.rows);
         let width = area.columns.len();
@@ -179,7 +178,7 @@ impl<T: Number> Canvas<T> {
         }
     }
 
-    /// Adds a run of samples that begins at an index.
+    /// Adds a run of samples starting at index `at`.
     pub(super) fn add(&mut self, at: usize, samples: &[T], valid: &[u8]) {
         let run = at..at + samples.len();
         let (out, known) = (&mut self.samples[run.clone()], &mut self.valid[run.clone()]);
@@ -201,11 +200,11 @@ impl<T: Number> Canvas<T> {
         }
     }
 
-    /// The window.
+    /// The finished window.
     pub(super) fn finish(mut self) -> Window {
         for (sample, &(sum, count)) in self.samples.iter_mut().zip(&self.sums) {
             if count > 0 {
-                // A sum of float64 may leave their range, their mean does not.
+                // The sum may overflow float64, the mean does not.
                 *sample = T::nearest((sum / f64::from(count)).clamp(f64::MIN, f64::MAX));
             }
         }
@@ -214,7 +213,7 @@ impl<T: Number> Canvas<T> {
     }
 }
 
-/// Puts valid samples where there is none, or where they count before the one that is there.
+/// Writes valid samples where there is none yet, or where they win over the one there.
 #[inline]
 fn put<'a, T: Number + 'a>(
     places: impl Iterator<Item = ((&'a mut T, &'a mut u8), (&'a T, &'a u8))>,
@@ -228,7 +227,7 @@ fn put<'a, T: Number + 'a>(
 }
 
 impl<T: Number> Row<T> {
-    /// 1 where a sample of a member is valid.
+    /// Sets `valid` to 1 where a sample of a member is valid.
     fn take_validity(&mut self, window: &Window, own: &Range<usize>, nodata: Nodata) {
         with_number!(window.samples.sample_type(), S => {
             if let Some(samples) = S::unpack(&window.samples) {
@@ -244,7 +243,7 @@ impl<T: Number> Row<T> {
         }
     }
 
-    /// Samples of a member in the type of the mosaic. What stands at voids means nothing.
+    /// Converts the samples of a member to the type of the mosaic. Void samples get any value.
     fn take_samples(&mut self, member: &Member, samples: &Samples, own: &Range<usize>) {
         self.samples.clear();
         if let (Some(same), None) = (T::unpack(samples), member.scaled) {
@@ -267,7 +266,7 @@ impl<T: Number> Row<T> {
     }
 }
 
-/// 0 where `nodata` stands for a sample.
+/// Sets `valid` to 0 where `nodata` makes a sample void.
 fn hide<S: Number>(samples: &[S], nodata: Nodata, valid: &mut [u8]) {
     for (low, high) in nodata.near().into_iter().chain(nodata.far()) {
         let (low, high) = (S::nearest(low), S::nearest(high));
@@ -276,7 +275,7 @@ fn hide<S: Number>(samples: &[S], nodata: Nodata, valid: &mut [u8]) {
     }
 }
 
-/// So many equal elements.
+/// A vector of `count` equal elements.
 fn filled<E: Clone>(element: E, count: usize) -> Result<Vec<E>> {
     let mut all = Vec::new();
     all.try_reserve_exact(count)

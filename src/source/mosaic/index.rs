@@ -1,4 +1,4 @@
-//! Which members a window meets, without a look at all of them.
+//! An index of members by rows, to find those that a window meets.
 
 use std::ops::Range;
 
@@ -7,14 +7,14 @@ use super::member::Member;
 /// Most strips of rows.
 const STRIPS: usize = 256;
 
-/// Strips of rows of equal height, and the members that meet each.
+/// Strips of rows of equal height, each with the members that meet it.
 pub(super) struct Index {
     rows_of_strip: u32,
     strips: Vec<Vec<u32>>,
 }
 
 impl Index {
-    /// Of members that lie in a mosaic of `height` rows.
+    /// The index of members of a mosaic of `height` rows.
     pub(super) fn new(height: u32, members: &[Member]) -> Self {
         let rows_of_strip = height.div_ceil(members.len().clamp(1, STRIPS) as u32).max(1);
         let mut strips = vec![Vec::new(); height.div_ceil(rows_of_strip) as usize];
@@ -26,7 +26,7 @@ impl Index {
         Self { rows_of_strip, strips }
     }
 
-    /// The members that meet a window, in their order.
+    /// The members that a window meets, in order.
     pub(super) fn meeting(&self, members: &[Member], columns: &Range<u32>, rows: &Range<u32>) -> Vec<usize> {
         if rows.is_empty() || columns.is_empty() {
             return Vec::new();

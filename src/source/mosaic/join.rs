@@ -1,4 +1,4 @@
-//! Rasters to one mosaic: what they must have in common, and what becomes of what they have not.
+//! Joins rasters into one mosaic: checks what must agree, and reconciles what may differ.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,9 +13,9 @@ use crate::source::{
     Nodata, OpenOptions, Origin, Origins, Overlap, Part, ReadMemory, Rect, Source, SourceInfo, metadata, warn,
 };
 
-/// A raster that is to become part of a mosaic.
+/// A raster to be joined.
 pub struct Piece {
-    /// Its file.
+    /// Path of the raster.
     pub path: PathBuf,
     pub(crate) info: SourceInfo,
     pub(crate) files: Vec<PathBuf>,
@@ -23,13 +23,13 @@ pub struct Piece {
 }
 
 impl Piece {
-    /// A raster that stays open.
+    /// A piece that stays open.
     pub fn held(path: PathBuf, source: Box<dyn Source>) -> Self {
         let (info, files) = (source.info().clone(), source.files());
         Self { path, info, files, held: Held::Open(Arc::from(source)) }
     }
 
-    /// A raster that is opened again when it is needed; `source` is what it is now.
+    /// A piece that is reopened when needed; `source` gives its properties.
     pub(crate) fn lazy(path: PathBuf, source: &dyn Source, open: Opener) -> Self {
         Self { path, info: source.info().clone(), files: source.files(), held: Held::Lazy(open) }
     }
@@ -39,9 +39,9 @@ impl Piece {
     }
 }
 
-/// How a rule reads in a sentence.
+/// An overlap rule in words.
 pub(crate) trait Rule {
-    /// `last on top`.
+    /// The rule, such as `last on top`.
     fn words(self) -> &'static str;
 }
 
@@ -58,7 +58,7 @@ impl Rule for Overlap {
 }
 
 impl Mosaic {
-    /// Joins rasters that are open; see [`Mosaic::of`].
+    /// Joins open rasters; see [`Mosaic::of`].
     pub fn join(
         parts: Vec<(PathBuf, Box<dyn Source>)>,
         options: &OpenOptions,
@@ -68,12 +68,12 @@ impl Mosaic {
         Self::of(pieces, options, limits)
     }
 
-    /// Joins rasters on one grid, in one coordinate system and one vertical unit, in any order,
+    /// Joins rasters that share a grid, a coordinate system and a vertical unit, in any order,
     /// overlapping or apart.
     ///
-    /// Samples become the narrowest type that holds those of all. Where GDAL scales or offsets
-    /// differ, they become real values in float64, `offset + scale * sample`, rounded once more
-    /// than in a file of its own; their nodata values are those of the files.
+    /// The sample type is the narrowest that holds all samples. If GDAL scales or offsets differ,
+    /// samples become real values in float64, `offset + scale * sample`, with one more rounding
+    /// than in a file of its own; nodata values are then those of each file.
     ///
     /// # Errors
     /// [`Error::Usage`](crate::Error::Usage), by file name, for a raster without a place, off the
@@ -95,7 +95,7 @@ impl Mosaic {
             Scales::Different => SampleType::Float64,
         };
         let nodata: Vec<Option<f64>> = infos().map(|info| effective_nodata(info, options)).collect();
-        // Only where no member has a valid sample that it stands for in the type of all.
+        // Only if no member has a valid sample that this value would make void in the common type.
         let alike =
             |value: &f64| infos().all(|info| Nodata::is_alike(Some(*value), info.sample_type, sample_type));
         let common = common_nodata(&nodata).filter(|_| scales != Scales::Different).filter(alike);
@@ -142,14 +142,13 @@ impl Mosaic {
     }
 }
 
-/// Memory that reading a mosaic takes: samples and what is known of them, and those of members that
-/// are read ahead.
+/// Memory for reading a mosaic: samples, validity and sums, and members read ahead.
 pub(crate) fn reading<'a>(
     sample_type: SampleType,
     overlap: Overlap,
     infos: impl Iterator<Item = &'a SourceInfo>,
 ) -> ReadMemory {
-    // A sum and a count, aligned.
+    // A sum and a count, with padding.
     let sums = if overlap == Overlap::Mean { 16 } else { 0 };
     let members = infos.map(|info| info.reading).fold(ReadMemory::default(), ReadMemory::or);
     let sample =
@@ -157,7 +156,7 @@ pub(crate) fn reading<'a>(
     ReadMemory { sample, ..members }
 }
 
-/// Where what is known of the files was found.
+/// Origins of the properties of all pieces.
 fn origins(pieces: &[Piece], options: &OpenOptions) -> Origins {
     let mut joined = Origins::joined(pieces.iter().map(|piece| &piece.info.origins));
     if options.nodata.is_some() {
@@ -166,7 +165,7 @@ fn origins(pieces: &[Piece], options: &OpenOptions) -> Origins {
     joined
 }
 
-/// A piece in its place.
+/// A piece as a member at its place.
 pub(crate) fn member(
     piece: Piece,
     rect: Rect,
@@ -175,7 +174,7 @@ pub(crate) fn member(
     scaled: Option<Scaled>,
 ) -> Member {
     let info = &piece.info;
-    // Only where what is void to the piece is void here, too.
+    // Only if every void of the piece is void in the mosaic.
     let own = info.footprint.as_ref().filter(|_| info.nodata.is_none() || info.nodata == nodata);
     let shifted = |own: &Rect| {
         let inside = own.within(
@@ -205,7 +204,7 @@ pub(crate) fn member(
     }
 }
 
-/// GDAL scale and offset of all.
+/// GDAL scale and offset of all pieces.
 #[derive(Clone, Copy, PartialEq)]
 enum Scales {
     Same(f64, f64),
@@ -220,36 +219,36 @@ impl Scales {
     }
 }
 
-/// The narrowest type that holds every sample of some types exactly.
+/// The narrowest type that holds every sample of several types exactly.
 pub(crate) fn narrowest(kinds: impl Iterator<Item = SampleType> + Clone) -> SampleType {
     let all = |&wide: &SampleType| kinds.clone().all(|kind| canvas::holds_all(wide, kind));
     SampleType::ALL.into_iter().find(all).unwrap_or(SampleType::Float64)
 }
 
-/// What means void in a raster, as its samples would hold it.
+/// The nodata value of a raster as rounded to its sample type.
 fn effective_nodata(info: &SourceInfo, options: &OpenOptions) -> Option<f64> {
     options.nodata.map(|value| metadata::rounded(value, info.sample_type)).or(info.nodata)
 }
 
-/// The value that means void in all; NaN means it without being said.
+/// The nodata value that all share; NaN is void without it.
 pub(crate) fn common_nodata(all: &[Option<f64>]) -> Option<f64> {
     let first = all.first().copied().flatten().filter(|value| !value.is_nan())?;
     all.iter().all(|other| *other == Some(first)).then_some(first)
 }
 
-/// Metres and name of the vertical unit: of the first that has a name, all being the same.
+/// Metres and name of the vertical unit: of the first raster that names it, as all agree.
 pub(crate) fn vertical_unit<'a>(mut infos: impl Iterator<Item = &'a SourceInfo> + Clone) -> (f64, String) {
     let first = infos.clone().next().map(|info| info.vertical_unit.clone());
     let named = infos.find(|info| !info.vertical_unit.1.is_empty()).map(|info| info.vertical_unit.clone());
     named.or(first).unwrap_or((1.0, String::new()))
 }
 
-/// The files of all.
+/// The files of all rasters.
 pub(crate) fn parts<'a>(infos: impl Iterator<Item = &'a SourceInfo>) -> Vec<Part> {
     infos.flat_map(|info| info.parts.iter().cloned()).collect()
 }
 
-/// What the files are, for people: the first of them, and how many are something else.
+/// A description of all rasters: that of the first, and the number of those that differ.
 pub(crate) fn kinds<'a>(mut infos: impl Iterator<Item = &'a SourceInfo>) -> String {
     let first = infos.next().map(|info| info.description.clone()).unwrap_or_default();
     match infos.filter(|info| info.description != first).count() {

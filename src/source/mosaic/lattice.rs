@@ -1,4 +1,4 @@
-//! One lattice for rasters whose samples stand on it: where each lies, in whole samples.
+//! Places rasters on one lattice: the offset of each in whole samples.
 
 use std::path::Path;
 
@@ -7,15 +7,15 @@ use crate::geo::CrsKind;
 use crate::limits::Limits;
 use crate::source::{Rect, SourceInfo, advice, file_name};
 
-/// How far a sample may stand from its place on the lattice, in pixels. Geotransforms are written
-/// with few digits: what they say of the far end of a raster is off by more than of its origin.
+/// Largest distance in pixels of a sample from its place on the lattice. Geotransforms have few
+/// digits, so they are less exact at the far end of a raster than at its origin.
 const TOLERANCE: f64 = 0.01;
 
-/// What to do about rasters that do not fit.
+/// Advice for rasters on different grids.
 const HINT: &str = "bring one onto the grid of the other first (gdalwarp with -tr and -te, or --crs in a build with \
                     --features gdal)";
 
-/// The lattice of all, and where each lies on it.
+/// The common lattice, and the rectangle of each raster on it.
 #[derive(Debug, PartialEq)]
 pub(super) struct Lattice {
     pub(super) transform: [f64; 6],
@@ -24,17 +24,17 @@ pub(super) struct Lattice {
     pub(super) rects: Vec<Rect>,
 }
 
-/// A raster with a place.
+/// A raster with its geotransform.
 struct Placed<'a> {
     path: &'a Path,
     transform: [f64; 6],
     size: (u32, u32),
 }
 
-/// Places rasters on one lattice, at least one.
+/// Finds the common lattice of at least one raster.
 ///
-/// Pixels are those of the north-westernmost raster, and the origin is that of a raster wherever
-/// one has it, so that neither depends on the order.
+/// The pixel size is that of the north-westernmost raster, and the origin is exactly that of a
+/// raster wherever possible, so neither depends on the order.
 pub(super) fn of(rasters: &[(&Path, &SourceInfo)], limits: &Limits) -> Result<Lattice> {
     let placed: Vec<Placed> = rasters.iter().map(|(path, info)| placed(path, info)).collect::<Result<_>>()?;
     let Some(first) = placed.first() else { return Err(Error::usage("there is no raster to join")) };
@@ -71,7 +71,7 @@ pub(super) fn of(rasters: &[(&Path, &SourceInfo)], limits: &Limits) -> Result<La
     Ok(Lattice { transform, width, height, rects: rects.collect() })
 }
 
-/// A warning if rasters in degrees lie at both ends of the globe with little but void between them.
+/// A warning if rasters in degrees lie at both ends of the globe, with mostly void between them.
 pub(super) fn far_apart(lattice: &Lattice, rasters: &[(&Path, &SourceInfo)]) -> Option<String> {
     let (_, first) = rasters.first()?;
     let [west, step, ..] = lattice.transform;
@@ -80,7 +80,7 @@ pub(super) fn far_apart(lattice: &Lattice, rasters: &[(&Path, &SourceInfo)]) -> 
     if first.geo.crs.kind != CrsKind::Geographic || degrees(lattice.width) < 180.0 {
         return None;
     }
-    // The widest gap between the columns of all.
+    // The widest gap between the columns of all rasters.
     let mut columns: Vec<_> = lattice.rects.iter().map(|rect| rect.columns.clone()).collect();
     columns.sort_by_key(|columns| columns.start);
     let (mut end, mut gap) = (0, 0..0);
@@ -121,7 +121,7 @@ fn placed<'a>(path: &'a Path, info: &SourceInfo) -> Result<Placed<'a>> {
     Ok(Placed { path, transform, size: (info.width, info.height) })
 }
 
-/// Where a pixel corner of one raster lies in pixels of another.
+/// A point of one raster, in pixels, as pixels of another.
 fn pixel_of(reference: &[f64; 6], transform: &[f64; 6], (u, v): (f64, f64)) -> (f64, f64) {
     let [x0, a, b, y0, d, e] = *reference;
     let [x1, a1, b1, y1, d1, e1] = *transform;
@@ -130,11 +130,11 @@ fn pixel_of(reference: &[f64; 6], transform: &[f64; 6], (u, v): (f64, f64)) -> (
     ((e * dx - b * dy) / determinant, (a * dy - d * dx) / determinant)
 }
 
-/// Columns and rows from the reference to a raster, every corner of which must be where whole
-/// samples put it.
+/// Columns and rows from the reference to a raster; fails if any of its corners is not at whole
+/// samples.
 fn offset(reference: &Placed, raster: &Placed) -> Result<(i64, i64)> {
     let (column, row) = pixel_of(&reference.transform, &raster.transform, (0.0, 0.0));
-    // Farther away no two samples have a lattice in common that a limit allows.
+    // Rasters farther apart exceed the limits anyway.
     let far = f64::from(u32::MAX);
     if !(column.abs() < far && row.abs() < far) {
         return Err(refused(
@@ -183,11 +183,11 @@ fn side(what: &str, samples: i64, limits: &Limits) -> Result<u32> {
     }
 }
 
-/// The geotransform of all: exactly that of the raster in the corner, or else of the westernmost
-/// and northernmost.
+/// The common geotransform: exactly that of the raster in the north-west corner, else combined from
+/// the westernmost and the northernmost one.
 fn origin(reference: &Placed, all: &[Placed], origins: &[(i64, i64)], (west, north): (i64, i64)) -> [f64; 6] {
     let [x0, a, b, y0, d, e] = reference.transform;
-    // The reference is one of the northernmost.
+    // The reference is one of the northernmost rasters.
     let column =
         origins.iter().zip(all).find(|(_, raster)| std::ptr::eq(*raster, reference)).map_or(0, |o| o.0.0);
     if column == west {

@@ -1,4 +1,4 @@
-//! One raster of a mosaic: where it lies, how its samples become those of the mosaic.
+//! One raster of a mosaic: its place, and the conversion of its samples.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -8,30 +8,30 @@ use crate::error::{Error, Result};
 use crate::sample::SampleType;
 use crate::source::{Nodata, Rect, Source, SourceInfo};
 
-/// Opens a raster again.
+/// Reopens a raster.
 pub(crate) type Opener = Box<dyn Fn() -> Result<Box<dyn Source>> + Send + Sync>;
 
-/// The samples of a member.
+/// The source of a member.
 pub(crate) enum Held {
-    /// Open all the time.
+    /// A source that stays open.
     Open(Arc<dyn Source>),
-    /// Opened when they are needed.
+    /// A source that is opened when needed.
     Lazy(Opener),
 }
 
-/// How samples change on their way into the mosaic: `offset + ratio * sample`.
+/// A linear conversion of samples: `offset + ratio * sample`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Scaled {
     /// Factor.
     pub(crate) ratio: f64,
     /// Summand.
     pub(crate) offset: f64,
-    /// True if the result is rounded to a float32 on its way, as GDAL does for short types.
+    /// True if the result is rounded to float32 in between, as GDAL does for short types.
     pub(crate) single: bool,
 }
 
 impl Scaled {
-    /// The value of a sample.
+    /// The converted value of a sample.
     #[inline]
     pub(crate) fn of(self, value: f64) -> f64 {
         let value = self.offset + self.ratio * value;
@@ -41,32 +41,32 @@ impl Scaled {
 
 /// One raster of a mosaic.
 pub(crate) struct Member {
-    /// Its file.
+    /// Path of the raster.
     pub(crate) path: PathBuf,
-    /// Where it lies in the mosaic, at least one sample, inside it.
+    /// Its rectangle in the mosaic, not empty.
     pub(crate) rect: Rect,
-    /// Column and row of the raster that are the first of `rect`.
+    /// Column and row of the raster that lie at the north-western corner of `rect`.
     pub(crate) origin: (u32, u32),
     /// Columns and rows of the raster.
     pub(crate) size: (u32, u32),
-    /// Type of its samples.
+    /// Sample type of the raster.
     pub(crate) sample_type: SampleType,
-    /// The value that means void in it.
+    /// Nodata value of the raster.
     pub(crate) nodata: Option<f64>,
-    /// The samples that it stands for.
+    /// Samples that the nodata value makes void.
     pub(crate) voids: Nodata,
-    /// How its samples change.
+    /// Conversion of the samples; `None`: unchanged.
     pub(crate) scaled: Option<Scaled>,
-    /// Where in the mosaic it can have valid samples.
+    /// Rectangles of the mosaic that hold all of its valid samples.
     pub(crate) footprint: Vec<Rect>,
-    /// Every file of it that is read.
+    /// All files that are read for it.
     pub(crate) files: Vec<PathBuf>,
-    /// Its samples.
+    /// The source of its samples.
     pub(crate) held: Held,
 }
 
 impl Member {
-    /// What it has of a window of the mosaic.
+    /// The part of a window that the member has samples for.
     pub(super) fn common(&self, columns: &Range<u32>, rows: &Range<u32>) -> Rect {
         self.rect.within(columns, rows)
     }
@@ -80,13 +80,13 @@ impl Member {
         }
     }
 
-    /// True if it has all of a window.
+    /// True if the member has samples for all of a window.
     pub(super) fn covers(&self, columns: &Range<u32>, rows: &Range<u32>) -> bool {
         let common = self.common(columns, rows);
         common.columns == *columns && common.rows == *rows
     }
 
-    /// True if its samples, mask and voids are those of the mosaic as they stand.
+    /// True if its samples, mask and voids are those of the mosaic, without conversion.
     pub(super) fn is_plain(&self, mosaic: &SourceInfo) -> bool {
         let nodata = self.nodata.filter(|value| !value.is_nan());
         self.sample_type == mosaic.sample_type
@@ -94,7 +94,7 @@ impl Member {
             && (nodata.is_none() || nodata == mosaic.nodata)
     }
 
-    /// Opens it, or hands out what is open.
+    /// The open source, or one opened now.
     pub(super) fn open(&self) -> Result<Arc<dyn Source>> {
         let open = match &self.held {
             Held::Open(source) => return Ok(Arc::clone(source)),

@@ -1,15 +1,14 @@
-//! Many rasters as one: a lattice that holds them all, and of each place the sample that counts.
+//! Several rasters joined into one on a common lattice.
 //!
-//! A window is read from the members that it meets and from no others, in parallel, and put
-//! together in their order: the result does not depend on the number of threads. A member that
-//! covers a window alone is handed through as it is. Files are opened when they are needed and
-//! closed when a sweep has passed them, so that ten thousand are as good as ten, and each decodes
-//! no block twice in a sweep (see `pool` for the one exception).
+//! A window is read only from the members that it meets, in parallel, and they are added in order:
+//! the result does not depend on the number of threads. If one member covers the window alone its
+//! samples are passed on unchanged. Files are opened when needed and closed when a sweep has passed
+//! them, so ten thousand files work as well as ten, and each decodes no block twice in a sweep (see
+//! `pool` for the one exception).
 //!
-//! A void never hides a valid sample, whatever the order. Samples come in the narrowest type that
-//! holds those of all members exactly. What is void is one of three: what the nodata value that all
-//! members share stands for, NaN in floats, or masked out where integers come with different nodata
-//! values.
+//! A void never hides a valid sample, whatever the order. The sample type is the narrowest that
+//! holds the samples of all members exactly. Voids are the nodata value if all members share one,
+//! NaN in floats, and a mask for integers with different nodata values.
 
 mod canvas;
 mod index;
@@ -36,7 +35,7 @@ use super::{FileStamp, Fingerprint, Nodata, Overlap, Rect, Source, SourceInfo, W
 use crate::error::Result;
 use crate::sample::SampleType;
 
-/// Samples of members read ahead of putting them together, as a multiple of the window's.
+/// Samples of members read ahead of adding them, as a multiple of the window's.
 const AHEAD: usize = 2;
 
 /// Several rasters on one lattice.
@@ -46,30 +45,30 @@ pub struct Mosaic {
     index: Index,
     pool: Pool,
     overlap: Overlap,
-    /// What a void sample holds; without it a mask says where they are.
+    /// Value of void samples; `None`: a mask marks them.
     fill: Option<f64>,
-    /// True if a valid sample of a member that equals `info.nodata` is void.
+    /// True if a valid sample of a member that equals `info.nodata` becomes void.
     nodata_of_all: bool,
-    /// Files that say how the members lie.
+    /// Files that describe the mosaic, such as a VRT.
     beside: Vec<PathBuf>,
 }
 
-/// What a mosaic is made of.
+/// The parts of a mosaic.
 pub(crate) struct Assembly {
-    /// Size, type, place; parts and footprint are those of the members.
+    /// Properties of the mosaic; files and footprint are those of the members.
     pub(crate) info: SourceInfo,
-    /// In their order, first to last.
+    /// Members in order, first to last.
     pub(crate) members: Vec<Member>,
-    /// Which of several samples counts.
+    /// The rule for samples where members overlap.
     pub(crate) overlap: Overlap,
-    /// True if a valid sample of a member that equals `info.nodata` is void.
+    /// True if a valid sample of a member that equals `info.nodata` becomes void.
     pub(crate) nodata_of_all: bool,
-    /// Files that say how the members lie.
+    /// Files that describe the mosaic, such as a VRT.
     pub(crate) beside: Vec<PathBuf>,
 }
 
 impl Mosaic {
-    /// Puts members together whose types the mosaic's type holds exactly (unless they are scaled).
+    /// Builds a mosaic. Its sample type must hold those of all members, except of converted ones.
     pub(crate) fn assemble(assembly: Assembly) -> Self {
         let Assembly { mut info, members, overlap, nodata_of_all, beside } = assembly;
         info.footprint = footprint(&info, &members);
@@ -79,7 +78,7 @@ impl Mosaic {
         Self { info, members, index, pool: Pool::default(), overlap, fill, nodata_of_all, beside }
     }
 
-    /// The samples of a window as the members give them, put together.
+    /// Samples of a window, read from the members and combined.
     fn compose<T: Number>(
         &self,
         columns: &Range<u32>,
@@ -101,8 +100,8 @@ impl Mosaic {
         Ok(canvas.finish())
     }
 
-    /// How many members to read at a time: as many as take twice the memory of the window, at least
-    /// one.
+    /// Number of members to read at a time: those that take twice the memory of the window, at
+    /// least one.
     fn batch(&self, members: &[usize], columns: &Range<u32>, rows: &Range<u32>) -> usize {
         let most = AHEAD * columns.len() * rows.len();
         let mut samples = 0_usize;
@@ -113,7 +112,7 @@ impl Mosaic {
         members.iter().take_while(fits).count().max(1)
     }
 
-    /// What a member has of a window of the mosaic.
+    /// The samples of a member in a window of the mosaic.
     fn read_member(&self, index: usize, columns: &Range<u32>, rows: &Range<u32>) -> Result<Window> {
         let member = &self.members[index];
         let own = member.own(&member.common(columns, rows));
@@ -169,7 +168,7 @@ impl Source for Mosaic {
     }
 }
 
-/// Where valid samples can be; `None` if one member has it all.
+/// Rectangles that hold all valid samples; `None` if one member covers everything.
 fn footprint(info: &SourceInfo, members: &[Member]) -> Option<Vec<Rect>> {
     let all = Rect { columns: 0..info.width, rows: 0..info.height };
     let rects: Vec<Rect> = members.iter().flat_map(|member| member.footprint.iter().cloned()).collect();

@@ -1,6 +1,6 @@
-//! Members that are open. Kept from one window to the next are those that the rows of the window
-//! meet: an open raster has blocks that the next window wants again. A sweep from north to south
-//! closes what it has passed.
+//! The open members of mosaics. Members that meet the rows of a window stay open for the next
+//! window, which needs the same blocks again. A sweep from north to south closes those that it has
+//! passed.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -11,25 +11,25 @@ use super::member::{Held, Member};
 use crate::error::Result;
 use crate::source::Source;
 
-/// Most files kept open by all mosaics together: a process may open 256 on some systems. Where the
-/// rows of a window meet more members, those beyond are opened for every window anew, and decode
-/// the blocks that windows share again.
+/// Most files kept open by all mosaics together: some systems allow a process 256. If the rows of a
+/// window meet more members, the others are reopened for every window, and decode the blocks that
+/// windows share again.
 const MOST: usize = 200;
 
-/// [`MOST`], or what the process may open if that is less: half of what is left beside the files
-/// that are written, as a raster may have a mask beside it.
+/// [`MOST`], or half of what the process may still open if that is less: a raster may have a mask
+/// file beside it.
 static MOST_HERE: LazyLock<usize> = LazyLock::new(|| match crate::file::most_open() {
     Some(most) => usize::try_from(most.saturating_sub(OTHERS) / 2).unwrap_or(MOST).clamp(1, MOST),
     None => MOST,
 });
 
-/// Files that are open beside those of mosaics.
+/// Open files other than those of mosaics.
 const OTHERS: u64 = 40;
 
-/// Files kept open now.
+/// Number of files kept open now.
 static KEPT: AtomicUsize = AtomicUsize::new(0);
 
-/// The right to keep a file open.
+/// A permit to keep a file open.
 struct Permit;
 
 impl Permit {
@@ -46,14 +46,14 @@ impl Drop for Permit {
     }
 }
 
-/// An open raster, and the right to keep it; one that is open all the time needs none.
+/// An open source with its permit; a source that is always open has none.
 type Kept = (Arc<dyn Source>, Option<Permit>);
 
 /// The open members of one mosaic.
 #[derive(Default)]
 pub(super) struct Pool {
     kept: Mutex<BTreeMap<usize, Kept>>,
-    /// How often a member was opened.
+    /// How often members were opened.
     #[cfg(test)]
     pub(super) opened: AtomicUsize,
 }
@@ -63,7 +63,7 @@ impl Pool {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The source of a member, opened unless it is.
+    /// The source of a member, opened if necessary.
     pub(super) fn source(&self, index: usize, member: &Member) -> Result<Arc<dyn Source>> {
         if let Some((source, _)) = self.lock().get(&index) {
             return Ok(Arc::clone(source));
@@ -79,8 +79,8 @@ impl Pool {
         Ok(source)
     }
 
-    /// Closes the members that some rows of the mosaic do not meet; those that cannot be closed let
-    /// go of what they can.
+    /// Closes the members that do not meet these rows of the mosaic; those that stay open release
+    /// their caches.
     pub(super) fn leave(&self, members: &[Member], rows: &Range<u32>) {
         let meets = |member: &Member| member.rect.rows.start < rows.end && rows.start < member.rect.rows.end;
         self.lock().retain(|&index, (source, _)| {
@@ -92,13 +92,13 @@ impl Pool {
         });
     }
 
-    /// How many members are open.
+    /// Number of open members.
     #[cfg(test)]
     pub(super) fn kept(&self) -> usize {
         self.lock().len()
     }
 
-    /// Closes all.
+    /// Closes all members.
     pub(super) fn clear(&self) {
         let all = std::mem::take(&mut *self.lock());
         for (source, _) in all.values() {

@@ -1,4 +1,4 @@
-//! Do rasters stand in the same coordinates, horizontally and vertically?
+//! Checks that rasters share horizontal and vertical coordinates.
 
 use std::path::Path;
 
@@ -7,10 +7,10 @@ use crate::error::{Error, Result};
 use crate::geo::{Crs, CrsKind};
 use crate::source::SourceInfo;
 
-/// How much two numbers that mean the same may differ in files, as a share.
+/// Relative difference at which two numbers in files count as equal.
 const ROUNDING: f64 = 1e-9;
 
-/// Refuses two rasters whose coordinate systems differ, or may.
+/// Refuses two rasters unless their coordinate systems are known to be the same.
 pub(crate) fn same_crs(a: (&Path, &SourceInfo), b: (&Path, &SourceInfo)) -> Result<()> {
     let (one, other) = (&a.1.geo.crs, &b.1.geo.crs);
     let vertical = one.vertical_epsg.zip(other.vertical_epsg);
@@ -27,7 +27,7 @@ pub(crate) fn same_crs(a: (&Path, &SourceInfo), b: (&Path, &SourceInfo)) -> Resu
     )))
 }
 
-/// Refuses two rasters whose heights are in different units.
+/// Refuses two rasters with different vertical units.
 pub(crate) fn same_unit(a: (&Path, &SourceInfo), b: (&Path, &SourceInfo)) -> Result<()> {
     let (one, other) = (&a.1.vertical_unit, &b.1.vertical_unit);
     if near(one.0, other.0) {
@@ -50,7 +50,7 @@ fn near(a: f64, b: f64) -> bool {
     (a - b).abs() <= ROUNDING * a.abs().max(b.abs())
 }
 
-/// A coordinate system, for people.
+/// Name of a coordinate system for messages.
 pub(crate) fn crs_name(crs: &Crs) -> String {
     match (crs.epsg, crs.vertical_epsg, crs.name.as_str()) {
         (Some(code), Some(vertical), _) => format!("EPSG:{code}+{vertical}"),

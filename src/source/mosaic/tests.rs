@@ -4,7 +4,7 @@ use crate::geo::{Crs, Geo};
 use crate::limits::Limits;
 use crate::source::{OpenOptions, Part, Samples};
 
-/// A raster of one number, open or opened when needed.
+/// A raster with one sample value, held open or reopened.
 struct Flat(SourceInfo, i16);
 
 impl Source for Flat {

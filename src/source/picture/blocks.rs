@@ -1,5 +1,4 @@
-//! A picture made of blocks: windows of converted pixels, put together from blocks that the cache
-//! remembers.
+//! Pictures made of blocks: windows of converted pixels, assembled from cached blocks.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -17,10 +16,10 @@ use crate::sample::SampleType;
 use crate::source::{FileStamp, Fingerprint};
 use crate::texel::Colour;
 
-/// Blocks of a picture that are looked at to know how its alpha is meant.
+/// Blocks that are examined to find the range of 16-bit alpha.
 const ALPHA_BLOCKS: usize = 64;
 
-/// How a raster is cut into blocks.
+/// The size of a raster and of its blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Shape {
     pub(super) width: u32,
@@ -29,39 +28,38 @@ pub(super) struct Shape {
     pub(super) block_height: u32,
 }
 
-/// The samples of some bands of one block, in the order in which they were asked for.
+/// Samples of some bands of one block, in the order requested.
 pub(super) struct Raw {
-    /// Their bytes, in this machine's byte order.
+    /// Byte buffers, in this machine's byte order.
     pub(super) bytes: Vec<Vec<u8>>,
-    /// For each band: which of `bytes`, index of its first sample, from one sample to the next.
+    /// For each band: index into `bytes`, index of its first sample, and stride between samples.
     pub(super) planes: Vec<(usize, usize, usize)>,
 }
 
-/// Where raw samples come from.
+/// A raster whose blocks can be read as raw samples.
 pub(super) trait Blocks: Send + Sync {
     /// Size of the raster and of its blocks.
     fn shape(&self) -> Shape;
-    /// True if the file has no such block of any of these bands: all of its samples are nodata, or
-    /// 0.
+    /// True if the file lacks this block for all these bands: its samples are nodata, or 0.
     fn is_absent(&self, block: usize, bands: &[usize]) -> bool;
-    /// Samples of a pixel that are decoded to get these bands.
+    /// Samples of a pixel that must be decoded to get these bands.
     fn samples_read(&self, bands: &[usize]) -> usize {
         bands.len()
     }
-    /// Samples of these bands (from 0), `block_width` in a row. Rows below the raster may be
+    /// Samples of these bands (from 0), in rows of `block_width`. Rows below the raster may be
     /// missing.
     fn read(&self, block: usize, bands: &[usize]) -> Result<Raw>;
-    /// The files behind it.
+    /// All files that are read.
     fn files(&self) -> Vec<PathBuf>;
-    /// Their states.
+    /// The current state of these files.
     fn fingerprint(&self) -> Result<Fingerprint> {
         Ok(Fingerprint { files: self.files().iter().map(|path| FileStamp::of(path)).collect::<Result<_>>()? })
     }
-    /// The error with the name of the file.
+    /// An error with the path of the file added.
     fn locate(&self, error: Error) -> Error;
 }
 
-/// What a picture is made of.
+/// The parts of a picture.
 pub(super) struct Parts {
     pub(super) blocks: Box<dyn Blocks>,
     pub(super) recipe: Recipe,
@@ -69,17 +67,17 @@ pub(super) struct Parts {
     pub(super) note: PictureNote,
     /// See [`PictureInfo::has_alpha`].
     pub(super) has_alpha: bool,
-    /// A raster of the same size, 0 where the picture is transparent.
+    /// A mask of the same size, 0 where the picture is transparent.
     pub(super) mask: Option<(Box<dyn Blocks>, Recipe)>,
-    /// Files beside it that say what it is.
+    /// Sidecars that were read.
     pub(super) beside: Vec<PathBuf>,
-    /// True if a world file says where it lies.
+    /// True if a world file gives the place.
     pub(super) placed_beside: bool,
-    /// What looks wrong with it, a sentence each.
+    /// Oddities of the picture, a sentence each.
     pub(super) warnings: Vec<String>,
 }
 
-/// Blocks and what becomes of them.
+/// Blocks and their conversion.
 struct Layer {
     blocks: Box<dyn Blocks>,
     recipe: Recipe,
@@ -88,7 +86,7 @@ struct Layer {
     number: u32,
 }
 
-/// A picture.
+/// A picture made of blocks.
 pub(super) struct BlockPicture {
     info: PictureInfo,
     layer: Layer,
@@ -105,7 +103,7 @@ impl Shape {
         self.across() as usize * self.height.div_ceil(self.block_height) as usize
     }
 
-    /// Columns and rows of the raster in a block.
+    /// Columns and rows of a block, in the raster.
     pub(super) fn window(&self, block: usize) -> (Range<u32>, Range<u32>) {
         let (column, row) = (block % self.across() as usize, block / self.across() as usize);
         let (left, top) = (column as u32 * self.block_width, row as u32 * self.block_height);
@@ -114,7 +112,7 @@ impl Shape {
         (left..right.min(self.width.into()) as u32, top..bottom.min(self.height.into()) as u32)
     }
 
-    /// The blocks that a window, not empty, lies in.
+    /// The blocks that a non-empty window meets.
     fn touched(&self, columns: &Range<u32>, rows: &Range<u32>) -> impl Iterator<Item = usize> + use<> {
         let across = self.across();
         let x = columns.start / self.block_width..(columns.end - 1) / self.block_width + 1;
@@ -129,8 +127,8 @@ impl Layer {
         Self { blocks, recipe, bands, cache: Arc::clone(cache), number: cache.register() }
     }
 
-    /// Memory that its blocks take: while one is decoded, as stored, decoded and converted; and all
-    /// of them as they are kept.
+    /// Memory of its blocks: while one is decoded (stored, decoded and converted), and of all
+    /// converted ones.
     fn memory(&self) -> Memory {
         let shape = self.blocks.shape();
         let pixels = u64::from(shape.block_width) * u64::from(shape.block_height);
@@ -143,7 +141,7 @@ impl Layer {
         }
     }
 
-    /// A block, `block_width` pixels wide, converted; rows below the raster are not there.
+    /// A converted block, `block_width` pixels wide; rows below the raster are missing.
     fn block(&self, block: usize) -> Result<Arc<Pixels>> {
         self.cache.get((self.number, block), || {
             let shape = self.blocks.shape();
@@ -155,7 +153,7 @@ impl Layer {
         })
     }
 
-    /// Pixels that no file has.
+    /// `count` pixels of a block that the file lacks.
     fn absent(&self, count: usize) -> Pixels {
         if self.recipe.hides() {
             let colour = vec![0; count * self.recipe.channels()];
@@ -166,7 +164,7 @@ impl Layer {
         self.recipe.pixels(&vec![plane; self.bands.len()], count)
     }
 
-    /// Looks at the samples of a block: planes with as many samples as the second argument says.
+    /// Calls `look` with the samples of a block and their number for each plane.
     fn raw<T>(&self, block: usize, look: impl FnOnce(&[Plane<'_>], usize) -> T) -> Result<T> {
         let raw = self.blocks.read(block, &self.bands).map_err(|error| self.blocks.locate(error))?;
         let shape = self.blocks.shape();
@@ -213,7 +211,7 @@ impl Layer {
         Ok(pixels)
     }
 
-    /// False if all of a window is in blocks that are not there, and those are transparent.
+    /// False if all blocks of a window are missing and therefore transparent.
     fn may_show(&self, columns: &Range<u32>, rows: &Range<u32>) -> bool {
         let shape = self.blocks.shape();
         !self.recipe.hides()
@@ -241,24 +239,25 @@ impl BlockPicture {
         }
     }
 
-    /// Type and number of the bands that may be stretched; `None` of bits and of indices.
+    /// Sample type and number of colour bands if they can be stretched; `None` for bits and
+    /// palettes.
     pub(super) fn stretchable(&self) -> Option<(SampleType, usize)> {
         let recipe = &self.layer.recipe;
         (recipe.palette.is_none() && !recipe.is_bit).then_some((recipe.kind, recipe.colours.len()))
     }
 
-    /// How many blocks there are.
+    /// Number of blocks.
     pub(super) fn blocks(&self) -> usize {
         self.layer.blocks.shape().blocks()
     }
 
-    /// How many pixels there are.
+    /// Number of pixels.
     pub(super) fn pixels(&self) -> u64 {
         u64::from(self.info.width) * u64::from(self.info.height)
     }
 
-    /// Values of each colour band at opaque pixels of a block, about `most` of them; `None`: the
-    /// least and the greatest.
+    /// Values of each colour band at opaque pixels of a block: about `most` of them, or with `None`
+    /// the least and the greatest.
     pub(super) fn values(&self, block: usize, most: Option<usize>) -> Result<Vec<Vec<f64>>> {
         let (layer, shape) = (&self.layer, self.layer.blocks.shape());
         let recipe = &layer.recipe;
@@ -283,7 +282,7 @@ impl BlockPicture {
             };
             for (values, plane) in values.iter_mut().zip(planes) {
                 plane.each(recipe.kind, |index, value| {
-                    // Rows are shifted against each other, so that no column is left out.
+                    // Each row starts at another offset, so that every column is sampled.
                     if (index + index / width * 7).is_multiple_of(step) && value.is_finite() && shown(index) {
                         match (most, &mut values[..]) {
                             (None, [least, greatest]) => {
@@ -299,8 +298,8 @@ impl BlockPicture {
         Ok(values)
     }
 
-    /// Looks at alpha of 16 bits, of which some writers use the lower 8 only: a picture that is
-    /// nowhere more opaque than that was meant to be opaque there. A few blocks tell.
+    /// Finds out whether 16-bit alpha uses only the lower 8 bits, as some writers do: if it is
+    /// nowhere above 255, then 255 is opaque. Some of the blocks are examined.
     pub(super) fn settle_alpha(&mut self, limits: &Limits) -> Result<()> {
         let layer = &self.layer;
         if layer.recipe.alpha.is_none() || layer.recipe.kind != SampleType::Uint16 {
@@ -327,7 +326,7 @@ impl BlockPicture {
         Ok(())
     }
 
-    /// Takes the values that become 0 and 255.
+    /// Sets the values that become 0 and 255.
     pub(super) fn set_stretch(&mut self, ranges: &[(f64, f64)]) {
         self.layer.recipe.ramps = ranges.to_vec();
         self.info.note.stretch = ranges.to_vec();

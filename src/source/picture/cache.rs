@@ -1,7 +1,8 @@
-//! Decoded blocks of all pictures of a build, shared by its threads.
+//! A cache of decoded blocks for all pictures of a build; the least recently used are dropped
+//! first.
 //!
-//! A block that several threads want at once is decoded by one of them, the others wait. That is safe because decoding
-//! never waits for a thread pool.
+//! If several threads want a block, one decodes it and the others wait. That cannot deadlock,
+//! because decoding never waits for a thread pool.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -12,10 +13,10 @@ use crate::lru::Lru;
 /// Picture and block.
 type Key = (u32, usize);
 
-/// A block, once it is decoded.
+/// A block, empty until it is decoded.
 type Slot = Arc<Mutex<Option<Arc<Pixels>>>>;
 
-/// Decoded blocks, up to a number of bytes.
+/// Decoded blocks, within a limit of bytes.
 pub(super) struct Cache(Mutex<State>);
 
 struct State {
@@ -44,7 +45,7 @@ impl Cache {
         state.pictures
     }
 
-    /// A block, decoded by `decode` unless it is here.
+    /// A block from the cache, or else made by `decode`.
     pub(super) fn get(&self, key: Key, decode: impl FnOnce() -> Result<Pixels>) -> Result<Arc<Pixels>> {
         let slot = Arc::clone(self.state().slots.get_or_insert_with(key, Slot::default));
         let mut block = slot.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,47 +1,46 @@
-//! Raw samples of a block to 8-bit colours and alpha.
+//! Conversion of raw samples to 8-bit colours and alpha.
 
 use super::Pixels;
 use crate::sample::SampleType;
 use crate::source::Nodata;
 
-/// What becomes of the bands of a picture.
+/// How the bands of a picture become colours and alpha.
 #[derive(Clone, Debug)]
 pub(super) struct Recipe {
-    /// Type of all samples; bits are bytes 0 and 1.
+    /// Sample type of all bands; bits are bytes 0 and 1.
     pub(super) kind: SampleType,
-    /// Bits that fill a sample: 1 or all.
+    /// True if samples are single bits.
     pub(super) is_bit: bool,
-    /// Bands that become grey, or red, green and blue, from 0.
+    /// Bands for grey, or for red, green and blue, from 0.
     pub(super) colours: Vec<usize>,
-    /// The band that is alpha, from 0, or a mask.
+    /// Band of alpha or of a mask, from 0.
     pub(super) alpha: Option<usize>,
-    /// The sample of alpha that is opaque, where alpha has 16 bits: 65535, or 255 of files whose
-    /// writer kept to bytes.
+    /// Alpha value that is opaque. For 16-bit alpha this is 65535, or 255 if the writer used bytes.
     pub(super) opaque: f64,
-    /// True if colours were multiplied by it.
+    /// True if colours are multiplied by alpha.
     pub(super) premultiplied: bool,
-    /// Colours that the one band chooses from.
+    /// Colours of a palette, indexed by the band's samples.
     pub(super) palette: Option<Vec<[u8; 3]>>,
     /// True if 0 is white.
     pub(super) inverted: bool,
-    /// The value of pixels that are not there, in each colour band.
+    /// Nodata value of each colour band.
     pub(super) nodata: Option<Vec<f64>>,
-    /// Values that become 0 and 255; empty for bytes as they are.
+    /// Values of each band that become 0 and 255; empty if bytes are taken unchanged.
     pub(super) ramps: Vec<(f64, f64)>,
 }
 
-/// The samples of one band of a block.
+/// Samples of one band of a block, possibly interleaved with others.
 #[derive(Clone, Copy)]
 pub(super) struct Plane<'a> {
-    /// Samples in this machine's byte order.
+    /// Buffer in this machine's byte order.
     pub(super) bytes: &'a [u8],
-    /// Index of the first of this band.
+    /// Index of the first sample of this band.
     pub(super) first: usize,
-    /// From one to the next.
+    /// Samples from one of this band to the next.
     pub(super) stride: usize,
 }
 
-/// Calls `$visit` with the index and the value of each sample of a plane.
+/// Calls `$visit` with index and value of each sample of a plane.
 macro_rules! visit {
     ($type:ty, $plane:expr, $visit:expr) => {{
         const SIZE: usize = size_of::<$type>();
@@ -53,7 +52,7 @@ macro_rules! visit {
 }
 
 impl Plane<'_> {
-    /// Its samples one after the other.
+    /// Calls `visit` with index and value of each sample.
     #[inline]
     pub(super) fn each(self, kind: SampleType, mut visit: impl FnMut(usize, f64)) {
         match kind {
@@ -70,22 +69,22 @@ impl Plane<'_> {
 }
 
 impl Recipe {
-    /// Bytes of a pixel's colour.
+    /// Colour bytes of a pixel.
     pub(super) fn channels(&self) -> usize {
         if self.palette.is_some() { 3 } else { self.colours.len() }
     }
 
-    /// The bands that are needed, alpha last.
+    /// All bands that are read, alpha last.
     pub(super) fn bands(&self) -> impl Iterator<Item = usize> + '_ {
         self.colours.iter().copied().chain(self.alpha)
     }
 
-    /// True if a pixel can be transparent.
+    /// True if pixels can be transparent.
     pub(super) fn hides(&self) -> bool {
         self.alpha.is_some() || self.nodata.is_some() || self.kind.is_float()
     }
 
-    /// Colours of `count` pixels from the planes of [`Recipe::bands`].
+    /// Converts `count` pixels from the planes of [`Self::bands`].
     pub(super) fn pixels(&self, planes: &[Plane<'_>], count: usize) -> Pixels {
         let channels = self.channels();
         let mut colour = vec![0; count * channels];
@@ -117,7 +116,7 @@ impl Recipe {
         Pixels { colour, alpha }
     }
 
-    /// True if the samples are the colours, in their order.
+    /// True if the samples are the colours already, in order.
     fn is_as_it_is(&self, planes: &[Plane<'_>]) -> bool {
         let channels = self.channels();
         let in_order = |(at, plane): (usize, &Plane<'_>)| (plane.first, plane.stride) == (at, channels);
@@ -130,14 +129,14 @@ impl Recipe {
             && planes.iter().all(|plane| std::ptr::eq(plane.bytes, planes[0].bytes))
     }
 
-    /// One band into its place among the others.
+    /// Converts one band into its channel of `out`.
     fn channel(&self, plane: Plane<'_>, channel: usize, out: &mut [u8]) {
         let channels = self.channels();
         let to = out.iter_mut().skip(channel).step_by(channels);
         if let Some(&(low, high)) = self.ramps.get(channel) {
             let scale = 255.0 / (high - low);
             let mut to = to;
-            // The cast keeps to 0..=255, and makes 0 of what is no number.
+            // The cast clamps to 0..=255 and turns NaN into 0.
             plane.each(self.kind, |_, value| {
                 if let Some(to) = to.next() {
                     *to = ((value - low) * scale + 0.5) as u8;
@@ -153,7 +152,7 @@ impl Recipe {
         }
     }
 
-    /// Pixels of which all colours have the nodata value; `None` if there cannot be any.
+    /// For each pixel, whether all its colours equal the nodata value; `None` if no pixel can.
     pub(super) fn hidden(&self, planes: &[Plane<'_>], count: usize) -> Option<Vec<bool>> {
         if self.nodata.is_none() && !self.kind.is_float() {
             return None;
@@ -167,7 +166,7 @@ impl Recipe {
         Some(hidden)
     }
 
-    /// A sample of the alpha band as 8 bits.
+    /// An alpha sample as 8 bits.
     pub(super) fn opacity(&self, value: f64) -> u8 {
         match self.kind {
             SampleType::Uint8 if !self.is_bit => value as u8,
@@ -178,7 +177,7 @@ impl Recipe {
     }
 }
 
-/// Takes the alpha out of colours that were multiplied by it.
+/// Divides colours that were multiplied by alpha.
 fn divide(colour: &mut [u8], alpha: &[u8], channels: usize) {
     for (pixel, &alpha) in colour.chunks_exact_mut(channels).zip(alpha) {
         let alpha = u32::from(alpha);

@@ -1,9 +1,9 @@
-//! Whether two coordinate systems are the same, as far as files tell.
+//! Compares coordinate systems of pictures and heights.
 
 use crate::crs;
 use crate::geo::{Crs, CrsKind};
 
-/// True if coordinates of one are coordinates of the other.
+/// True if two systems are the same, as far as files tell.
 pub(super) fn same(a: &Crs, b: &Crs) -> bool {
     if is_unknown(a) || is_unknown(b) {
         return is_unknown(a) && is_unknown(b);
@@ -11,12 +11,12 @@ pub(super) fn same(a: &Crs, b: &Crs) -> bool {
     crs::are_same(a, b)
 }
 
-/// True if nothing is known of it but its unit.
+/// True if only the unit of a system is known.
 pub(super) fn is_unknown(crs: &Crs) -> bool {
     crs.kind == CrsKind::Engineering && crs.epsg.is_none() && crs.name.is_empty()
 }
 
-/// For messages.
+/// Name of a system, for messages.
 pub(super) fn name(crs: &Crs) -> String {
     match crs.epsg {
         _ if is_unknown(crs) => "an unknown coordinate system".to_owned(),

@@ -1,12 +1,10 @@
-//! PNG, JPEG and WebP pictures, natively: where they lie says a world file or a sidecar beside
-//! them.
+//! PNG, JPEG and WebP pictures, read natively; a world file or sidecar gives their place.
 //!
-//! The crate `image` decodes PNG and WebP. It would fill what is missing of a JPEG that is cut off,
-//! so JPEG goes to `zune-jpeg` beneath it, which can be told to refuse that.
+//! The crate `image` decodes PNG and WebP. It would fill in the missing part of a JPEG that is cut
+//! off, so JPEG goes directly to `zune-jpeg`, which can refuse it.
 //!
-//! A picture is one block: what its format compresses is decoded whole. What that takes is known
-//! before it is done (`Memory`), so that a build within a limit of memory refuses a picture that is
-//! too large for it.
+//! A picture is one block, since its format is decoded as a whole. The memory for that is known
+//! beforehand (`Memory`), so a build within a memory limit refuses a picture that is too large.
 
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -28,12 +26,12 @@ use crate::source::account::{Account, Origin, Role, Tags};
 use crate::source::tiff::jpeg::check as check_jpeg;
 use crate::source::{file_name, metadata};
 
-/// Pixels along a side, at most: what the formats themselves have room for, but for PNG.
+/// Most pixels along a side: the limit of the formats themselves, except PNG.
 const MAX_SIDE: u32 = 65_535;
-/// Bytes of a JPEG file, at most: it is in memory while it is decoded.
+/// Most bytes of a JPEG file, which is held in memory while it is decoded.
 const MAX_JPEG_BYTES: u64 = 1 << 30;
 
-/// The format that a file begins as, of those that are read here.
+/// The picture format of a file, by its first bytes, if it is read here.
 pub(super) fn format(path: &Path) -> Result<Option<ImageFormat>> {
     let mut start = [0; 16];
     let mut file = crate::file::open(path).map_err(|source| Error::io(path, "open", source))?;
@@ -48,7 +46,7 @@ pub(super) fn format(path: &Path) -> Result<Option<ImageFormat>> {
     Ok(format.filter(|format| matches!(format, ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)))
 }
 
-/// A picture that is decoded whole.
+/// A picture that is decoded as a whole.
 struct Encoded {
     path: PathBuf,
     format: ImageFormat,
@@ -57,7 +55,7 @@ struct Encoded {
     colour: ColorType,
 }
 
-/// Opens a picture of a format and says what becomes of its bands.
+/// Opens a picture of a known format and decides on its conversion.
 pub(super) fn open(
     path: &Path,
     format: ImageFormat,
@@ -105,7 +103,7 @@ pub(super) fn open(
     })
 }
 
-/// Sample type, and what each band is.
+/// Sample type and role of each band for a colour type.
 fn bands(colour: ColorType) -> Result<(SampleType, &'static [Role])> {
     const RGBA: [Role; 4] = [Role::Red, Role::Green, Role::Blue, Role::Alpha];
     const GREY: [Role; 2] = [Role::Grey, Role::Alpha];
@@ -133,7 +131,7 @@ impl Encoded {
         }
     }
 
-    /// Size and type of its pixels, from its beginning.
+    /// Size and colour type, from the header.
     fn head(&self) -> Result<((u32, u32), ColorType)> {
         if self.format != ImageFormat::Jpeg {
             let decoder = self.decoder()?;
@@ -147,7 +145,7 @@ impl Encoded {
         Ok(((width as u32, height as u32), if is_grey { ColorType::L8 } else { ColorType::Rgb8 }))
     }
 
-    /// All samples, those of a pixel together, in this machine's byte order.
+    /// All samples, interleaved by pixel, in this machine's byte order.
     fn samples(&self) -> Result<Vec<u8>> {
         if self.head()? != ((self.width, self.height), self.colour) {
             let expected = format!("{} x {} pixels of {:?}", self.width, self.height, self.colour);
@@ -162,16 +160,16 @@ impl Encoded {
         jpeg(&bytes, space).decode().map_err(|error| self.damaged(&error))
     }
 
-    /// A decoder of PNG and WebP at the beginning of the picture.
+    /// A decoder for PNG and WebP.
     fn decoder(&self) -> Result<impl ImageDecoder + use<>> {
         let file = crate::file::open(&self.path).map_err(|source| Error::io(&self.path, "open", source))?;
         let mut reader = ImageReader::with_format(BufReader::new(file), self.format);
-        // What a block takes is held against the limit of the build before it is decoded.
+        // The build's memory limit has been checked before.
         reader.no_limits();
         reader.into_decoder().map_err(|error| self.damaged(&error))
     }
 
-    /// The file, of a kind that the decoder knows.
+    /// The content of a JPEG file.
     fn jpeg_bytes(&self) -> Result<Vec<u8>> {
         let bytes = crate::file::read(&self.path, MAX_JPEG_BYTES)
             .map_err(|source| Error::io(&self.path, "read", source))?;
@@ -185,7 +183,7 @@ impl Encoded {
     }
 }
 
-/// A decoder that refuses what is cut off.
+/// A JPEG decoder that refuses incomplete files.
 fn jpeg(bytes: &[u8], space: ColorSpace) -> JpegDecoder<ZCursor<&[u8]>> {
     let options = DecoderOptions::default()
         .set_strict_mode(true)

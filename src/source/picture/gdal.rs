@@ -1,10 +1,10 @@
-//! Pictures through GDAL, behind the feature `gdal`: other formats, and pictures of other
+//! Pictures read by GDAL, behind the feature `gdal`: other formats, and pictures in other
 //! coordinate systems.
 //!
-//! A picture of another coordinate system is warped while it is read, by GDAL's own `gdalwarp` into
-//! a virtual raster (bilinear, of a palette the nearest index; transparent where nothing comes
-//! from). It is then resampled onto the texel grid like any other. A dataset serves one thread at a
-//! time, so reads are serialised; GDAL's messages come back in the errors.
+//! A picture in another coordinate system is warped while it is read, by GDAL's `gdalwarp` into a
+//! virtual raster: bilinear, or nearest for palettes, and transparent outside the source. Then it
+//! is resampled onto the texel grid like any other. A dataset serves one thread at a time, so reads
+//! are serialised; GDAL's messages become part of errors.
 
 use std::ffi::{CStr, CString, c_char};
 use std::path::{Path, PathBuf};
@@ -29,11 +29,12 @@ use crate::source::account::{self, Role};
 use crate::source::gdal::{describe, files};
 use crate::source::{Fingerprint, file_name, metadata};
 
-/// Side of the blocks that are read at a time; of pictures stored by rows a block has whole ones.
+/// Side of the blocks that are read at a time; for pictures stored by rows, a block is some whole
+/// rows.
 const SIDE: usize = 512;
 const ROW_BLOCK_BYTES: usize = 1 << 20;
 
-/// An open dataset; a virtual one goes before what it refers to.
+/// An open dataset; a virtual one is dropped before the dataset it refers to.
 struct Opened {
     warped: Option<Dataset>,
     source: Dataset,
@@ -45,7 +46,7 @@ impl Opened {
     }
 }
 
-/// Its bands, or its mask.
+/// The bands of a dataset, or its mask.
 struct GdalBlocks {
     path: PathBuf,
     files: Vec<PathBuf>,
@@ -55,7 +56,7 @@ struct GdalBlocks {
     is_mask: bool,
 }
 
-/// Opens a picture that lies in a coordinate system, or warps it there.
+/// Opens a picture in coordinate system `crs`, warping it if necessary.
 pub(super) fn open(path: &Path, options: &PictureOptions, crs: &Crs, limits: &Limits) -> Result<Parts> {
     static QUIET: Once = Once::new();
     QUIET.call_once(|| gdal::config::set_error_handler(|_, _, _| {}));
@@ -73,7 +74,7 @@ pub(super) fn open(path: &Path, options: &PictureOptions, crs: &Crs, limits: &Li
     Ok(parts)
 }
 
-/// The coordinate system in a `.prj` beside a picture without one: GDAL passes over it beside most
+/// The coordinate system in a `.prj` beside a picture without one, which GDAL ignores for most
 /// formats.
 fn beside(dataset: &Dataset, path: &Path, limits: &Limits) -> Result<Option<(PathBuf, SpatialRef)>> {
     if dataset.spatial_ref().is_ok() || dataset.gcp_spatial_ref().is_some() {
@@ -82,7 +83,7 @@ fn beside(dataset: &Dataset, path: &Path, limits: &Limits) -> Result<Option<(Pat
     describe::prj(path, limits)
 }
 
-/// The coordinate system to warp to; `None` if the picture is there.
+/// The coordinate system to warp to; `None` if the picture is in it already.
 fn target(
     dataset: &Dataset,
     path: &Path,
@@ -98,7 +99,7 @@ fn target(
     let own = dataset.spatial_ref().ok().or_else(|| dataset.gcp_spatial_ref()).or_else(|| beside.cloned());
     match (own, target) {
         (None, None) => Ok(None),
-        // A world file cannot name a coordinate system: it is that of the heights.
+        // A world file names no coordinate system: that of the heights is assumed.
         (None, Some(_)) if account::has_world_file(path) => Ok(None),
         (None, Some(_)) => Err(Error::usage(format!(
             "{}: it has no coordinate system: name it with gdal_edit.py -a_srs, or place it with gdal_translate -a_ullr and -a_srs",
@@ -163,7 +164,7 @@ fn warp(dataset: &Dataset, target: &SpatialRef, own: Option<&SpatialRef>) -> Res
     Ok(unsafe { Dataset::from_c_dataset(warped) })
 }
 
-/// Everything known at once.
+/// Everything about a picture that is known when it is opened.
 fn parts(opened: Opened, path: &Path, options: &PictureOptions, crs: &Crs, limits: &Limits) -> Result<Parts> {
     let wrong = |error: GdalError| Error::format("band 1", "a raster band", error);
     let dataset = opened.dataset();
@@ -214,7 +215,7 @@ fn parts(opened: Opened, path: &Path, options: &PictureOptions, crs: &Crs, limit
     })
 }
 
-/// What each band is.
+/// The role of each band.
 fn roles(dataset: &Dataset) -> Vec<Role> {
     let role = |band: usize| match dataset.rasterband(band + 1).map(|band| band.color_interpretation()) {
         Ok(ColorInterpretation::GrayIndex) => Role::Grey,
@@ -279,7 +280,7 @@ impl GdalBlocks {
         }
     }
 
-    /// Samples of a block, each row as wide as a block.
+    /// Samples of a block, in rows of the block's width.
     fn samples<T: GdalType + Copy + Default>(
         &self,
         band: &RasterBand<'_>,

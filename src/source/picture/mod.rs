@@ -1,10 +1,10 @@
-//! Pictures to read from: windows of 8-bit colours with alpha, whatever the file holds.
+//! Pictures as sources: windows of 8-bit colours with alpha, whatever the file holds.
 //!
-//! A picture gives what is to be seen: bands are chosen, palettes looked up, wide samples stretched
-//! to 8 bits, colours that were multiplied by alpha divided again. Its pixels are areas: pixel (c,
-//! r) covers columns c to c + 1 and rows r to r + 1 of its geotransform. A pixel is transparent if
-//! its alpha or mask says so, or if all chosen bands have the nodata value (one that only some of
-//! them have is a colour), as `gdalwarp` takes it.
+//! A picture gives final colours: bands are chosen, palettes looked up, wide samples stretched to 8
+//! bits, and colours multiplied by alpha divided again. Pixels are areas: pixel (c, r) covers
+//! columns c to c + 1 and rows r to r + 1 of the geotransform. As in `gdalwarp`, a pixel is
+//! transparent if its alpha or mask says so, or if all chosen bands have the nodata value; if only
+//! some have it, it is a colour.
 
 mod blocks;
 mod cache;
@@ -32,41 +32,41 @@ use crate::source::Fingerprint;
 use crate::source::open::NEEDS_GDAL;
 use crate::texel::Colour;
 
-/// Bytes of decoded blocks that are kept of all pictures together: those of a row of tiles over the
-/// widest strips that one meets.
+/// Bytes of decoded blocks kept for all pictures together: enough for a row of tiles over the
+/// widest strips in use.
 pub const KEPT: u64 = 512 << 20;
 
-/// What to do about a picture without a place.
+/// Advice for a picture without a place.
 const NOWHERE: &str =
     "put a world file beside it, or give it its place with gdal_translate -a_ullr WEST NORTH EAST SOUTH";
 
 /// Pixels of a window, row by row.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pixels {
-    /// Bytes of each pixel that follow each other: 1 for grey, 3 for red, green and blue; sRGB.
+    /// Colour bytes of each pixel, 1 for grey, 3 for red, green and blue; sRGB.
     pub colour: Vec<u8>,
-    /// One byte a pixel, 0 transparent to 255 opaque; colours are not multiplied by it. `None` if
-    /// all are opaque.
+    /// Alpha of each pixel, 0 transparent to 255 opaque; colours are not multiplied by it. `None`
+    /// if all pixels are opaque.
     pub alpha: Option<Vec<u8>>,
 }
 
-/// What is known of a picture when it is opened.
+/// Properties of a picture, known when it is opened.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PictureInfo {
     /// Columns.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// What its colours are.
+    /// Kind of colours: grey or RGB.
     pub kind: Colour,
-    /// True if it has an alpha band, in which there are degrees of transparency; a mask or a nodata
-    /// value knows none.
+    /// True if it has an alpha band, which allows partial transparency; a mask or a nodata value
+    /// does not.
     pub has_alpha: bool,
-    /// Where it lies.
+    /// Georeference.
     pub geo: Geo,
-    /// What people should know of it.
+    /// The record of the picture in the container.
     pub note: PictureNote,
-    /// What looks wrong with it, a sentence each.
+    /// Oddities of the picture, a sentence each.
     pub warnings: Vec<String>,
 }
 
@@ -77,56 +77,55 @@ pub struct PictureNote {
     pub name: String,
     /// One line for people: `GeoTIFF, tiles 256 x 256, JPEG, 3 bands`.
     pub description: String,
-    /// Bands that became grey, or red, green and blue, from 1.
+    /// Bands used for grey, or for red, green and blue, from 1.
     pub bands: Vec<u32>,
-    /// For each of them the values that became 0 and 255; empty for 8-bit samples taken as they
-    /// are.
+    /// For each of these bands the values that became 0 and 255; empty if 8-bit samples were taken
+    /// unchanged.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub stretch: Vec<(f64, f64)>,
 }
 
-/// A picture that windows can be read from, by several threads at once.
+/// A picture that several threads can read windows from.
 pub trait Picture: Send + Sync {
-    /// What it is.
+    /// Properties of the picture.
     fn info(&self) -> &PictureInfo;
 
-    /// The pixels of a window that lies inside. Neither waits for nor uses other threads of a pool.
+    /// The pixels of a window inside the picture. Does not use or wait for other threads of a pool.
     fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Pixels>;
 
-    /// False if a window is known to be wholly transparent without reading it.
+    /// False if a window is known, without reading it, to be wholly transparent.
     fn may_show(&self, _columns: Range<u32>, _rows: Range<u32>) -> bool {
         true
     }
 
-    /// Memory that reading takes, apart from the windows that are read.
+    /// Memory that reading takes, apart from the windows themselves.
     fn memory(&self) -> Memory {
         Memory::default()
     }
 
-    /// Lets what is kept for later reads take so many bytes at most, in all pictures together that
-    /// were opened with this one. The fewer they are, the more often the same is decoded again.
+    /// Limits the bytes kept for later reads, by all pictures opened together. With fewer bytes,
+    /// blocks are decoded again more often.
     fn keep(&self, _bytes: u64) {}
 
-    /// The files it is made of, as they are on disk now.
+    /// The current state of its files on disk.
     fn fingerprint(&self) -> Result<Fingerprint>;
 
-    /// Every file that is read: the picture, its mask, what lies beside it and says what it is.
-    /// None for a picture in memory.
+    /// All files that are read: the picture, its mask and sidecars. Empty for a picture in memory.
     fn files(&self) -> Vec<PathBuf> {
         Vec::new()
     }
 }
 
-/// Bytes that reading a picture takes at most.
+/// Most bytes that reading a picture takes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
-    /// What each thread takes that reads from it.
+    /// Bytes of each thread that reads from it.
     pub reading: u64,
-    /// The largest block, converted: one of all pictures that were opened together stays whatever
-    /// they may keep.
+    /// Bytes of the largest converted block: of all pictures opened together, one such block stays
+    /// in memory whatever the limit.
     pub block: u64,
-    /// What is kept for later reads. Pictures that were opened together have [`KEPT`] in all unless
-    /// [`Picture::keep`] says otherwise.
+    /// Bytes of all converted blocks, to be kept for later reads. Pictures opened together keep
+    /// [`KEPT`] bytes in all unless [`Picture::keep`] sets another limit.
     pub kept: u64,
 }
 
@@ -136,16 +135,16 @@ pub struct PictureOptions {
     /// Bands from 1: one (grey) or three (red, green, blue), and one more as alpha; `None`: as the
     /// file says, or the first three.
     pub bands: Option<Vec<u32>>,
-    /// How samples become 8 bits; `None`: 8-bit samples as they are, others by [`Stretch::Percent`]
-    /// 2 and 98.
+    /// How samples become 8 bits; `None`: 8-bit samples unchanged, others by [`Stretch::Percent`] 2
+    /// and 98.
     pub stretch: Option<Stretch>,
 }
 
-/// Opens pictures that lie in the coordinate system `crs`.
+/// Opens pictures in the coordinate system `crs`.
 ///
-/// A TIFF, PNG, JPEG or WebP is read natively, anything else by GDAL if that is built in, which
-/// also brings pictures of other coordinate systems into this one. Values are stretched by the same
-/// rule in all pictures of one sample type, so that they stay one mosaic.
+/// TIFF, PNG, JPEG and WebP are read natively. Other formats, and pictures in other coordinate
+/// systems, are read by GDAL if it is built in. All pictures of one sample type are stretched by
+/// the same values, so that they match at their borders.
 pub fn open_all(
     paths: &[PathBuf],
     options: &PictureOptions,
@@ -188,8 +187,8 @@ fn open(
     Ok(picture)
 }
 
-/// Fails if threads that decode blocks of a picture take more than opening it may, and `more` bytes
-/// with them.
+/// Fails if decoding blocks of a picture on all threads, with `more` bytes besides, exceeds the
+/// memory limit.
 fn check_opening(picture: &BlockPicture, more: u64, limits: &Limits) -> Result<()> {
     let threads = rayon::current_num_threads().min(picture.blocks()) as u64;
     let needed = (24 << 20) + picture.memory().reading.saturating_mul(threads).saturating_add(more);
@@ -204,8 +203,9 @@ fn check_opening(picture: &BlockPicture, more: u64, limits: &Limits) -> Result<(
     )))
 }
 
-/// Refuses a picture that lies nowhere, or elsewhere. One that says where, but not in what, lies in
-/// the coordinate system of the heights: a world file cannot name one.
+/// Refuses a picture without a place or in another coordinate system. A picture with a world file
+/// but no coordinate system is taken to lie in that of the heights, as a world file cannot name
+/// one.
 fn place(mut parts: Parts, crs: &Crs) -> Result<Parts> {
     let geo = &mut parts.geo;
     if geo.transform.is_none() {

@@ -1,5 +1,4 @@
-//! How wide samples become 8 bits: one straight line for each band, the same in all pictures of a
-//! build.
+//! Stretching of wide samples to 8 bits: linear, with the same values in all pictures of a build.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -10,27 +9,26 @@ use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
 
-/// Values taken from a picture for percentiles, at most, and of how many blocks.
+/// Most values sampled for percentiles, and most blocks they are taken from.
 const VALUES: usize = 4 << 20;
 const BLOCKS: usize = 256;
 
-/// Which samples become 0 and 255.
+/// The sample values that become 0 and 255.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Stretch {
-    /// None: 8 bits as they are, of 16 unsigned bits the upper ones.
+    /// No stretch: 8-bit samples unchanged, the upper 8 bits of 16-bit ones.
     None,
-    /// The least and the greatest of each band, of all opaque pixels.
+    /// Minimum and maximum of each band, over all opaque pixels.
     MinMax,
-    /// These percentiles of each band, of opaque pixels evenly spread over the pictures.
+    /// Two percentiles of each band, over opaque pixels spread evenly over the pictures.
     Percent(f64, f64),
-    /// These values, of every band.
+    /// Two given values, for every band.
     Range(f64, f64),
 }
 
 impl Stretch {
-    /// What is done where nothing is said: samples wider than 8 bits lose two per cent at either
-    /// end.
+    /// The default for samples wider than 8 bits: two per cent are cut off at either end.
     const WIDE: Self = Self::Percent(2.0, 98.0);
 
     fn check(self) -> Result<Self> {
@@ -46,7 +44,7 @@ impl Stretch {
     }
 }
 
-/// Gives every picture the ranges of its bands.
+/// Sets the stretch values of every picture.
 pub(super) fn settle(pictures: &mut [BlockPicture], wanted: Option<Stretch>, limits: &Limits) -> Result<()> {
     let wanted = wanted.map(Stretch::check).transpose()?;
     let groups: Vec<_> = pictures.iter().map(BlockPicture::stretchable).collect();
@@ -80,7 +78,7 @@ pub(super) fn settle(pictures: &mut [BlockPicture], wanted: Option<Stretch>, lim
     Ok(())
 }
 
-/// The ranges of each band over some pictures.
+/// Measures the values of each band over several pictures.
 fn measure(
     pictures: &[&BlockPicture],
     bands: usize,
@@ -90,7 +88,8 @@ fn measure(
     let all = rule == Stretch::MinMax;
     let share = (VALUES / pictures.len()).max(1);
     let mut work = Vec::new();
-    // Values of each block, in vectors that may have room for as many more, and those of all.
+    // Bytes of the values of each block, in vectors with up to twice the capacity, and of all
+    // values.
     let pixels: u64 = pictures.iter().map(|picture| picture.pixels()).fold(0, u64::saturating_add);
     let values = if all { 0 } else { pixels.min(2 * VALUES as u64) * bands as u64 * 8 };
     for &picture in pictures {
@@ -110,7 +109,7 @@ fn measure(
     Ok(joined.into_iter().map(|values| range(values, rule)).collect())
 }
 
-/// Block number `n` of `chosen` ones among `blocks`, in no step with the width of the picture.
+/// The `n`th of `chosen` blocks, spread over `blocks` so that they do not line up in columns.
 pub(super) fn spread(n: usize, chosen: usize, blocks: usize) -> usize {
     if chosen == blocks {
         return n;

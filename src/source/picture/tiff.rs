@@ -1,4 +1,4 @@
-//! TIFF pictures, natively.
+//! TIFF pictures, read natively.
 
 use std::path::{Path, PathBuf};
 
@@ -14,22 +14,22 @@ use crate::source::open::NEEDS_GDAL;
 use crate::source::tiff::raster::{Meaning, Raster};
 use crate::source::{file_name, metadata};
 
-/// Values of tag 262.
+/// Values of tag 262 (photometric interpretation).
 const WHITE_IS_ZERO: u64 = 0;
 const BLACK_IS_ZERO: u64 = 1;
 const RGB: u64 = 2;
 const PALETTE: u64 = 3;
 const YCBCR: u64 = 6;
-/// Values of tag 338: alpha, with and without colours multiplied by it.
+/// Values of tag 338 (extra samples): alpha with and without colours multiplied by it.
 const ASSOCIATED: u64 = 1;
 const UNASSOCIATED: u64 = 2;
 
-/// Opens a TIFF and says what becomes of its bands.
+/// Opens a TIFF and decides on the conversion of its bands.
 pub(super) fn open(path: &Path, options: &PictureOptions, limits: &Limits) -> Result<Parts> {
     let (raster, meaning, mask) = Raster::open(path, limits)?;
     let mut recipe = recipe(&raster, &meaning, options.bands.as_deref())?;
     if mask.is_some() {
-        // As GDAL: where there is a mask it alone counts.
+        // As in GDAL, a mask overrides the nodata value.
         recipe.nodata = None;
     }
     let note = PictureNote {
@@ -50,7 +50,7 @@ pub(super) fn open(path: &Path, options: &PictureOptions, limits: &Limits) -> Re
     Ok(Parts { blocks, recipe, geo, note, has_alpha, mask, beside, placed_beside, warnings })
 }
 
-/// One band of bytes.
+/// The conversion of one band of bytes, unchanged.
 pub(super) fn plain() -> Recipe {
     Recipe {
         kind: SampleType::Uint8,
@@ -101,7 +101,7 @@ fn recipe(raster: &Raster, meaning: &Meaning, wanted: Option<&[u32]>) -> Result<
     })
 }
 
-/// What each band is: as a sidecar or GDAL's metadata say, else as the tags do.
+/// The role of each band: from sidecar or GDAL's metadata, else from the tags.
 fn roles(bands: usize, meaning: &Meaning) -> Vec<Role> {
     let first_extra = bands.saturating_sub(meaning.extra.len());
     let of_tags = |band: usize| {
@@ -121,14 +121,14 @@ fn roles(bands: usize, meaning: &Meaning) -> Vec<Role> {
     (0..bands).map(|band| meaning.account.role(band as u32 + 1).unwrap_or_else(|| of_tags(band))).collect()
 }
 
-/// Nodata of each of some bands; `None` if one of them has none: a pixel is hidden if all bands
-/// have theirs.
+/// Nodata values of some bands; `None` if one of them has none, since a pixel is transparent only
+/// if all bands have theirs.
 pub(super) fn nodata(bands: &[usize], of: impl Fn(usize) -> Option<f64>) -> Option<Vec<f64>> {
     bands.iter().map(|&band| of(band)).collect()
 }
 
-/// Bands that become colours, and the one that is alpha, from 0: as wanted, else by their roles,
-/// else the first ones.
+/// Bands for colours, and the band for alpha, from 0: as requested, else by their roles, else the
+/// first bands.
 pub(super) fn choose(
     roles: &[Role],
     wanted: Option<&[u32]>,
@@ -162,7 +162,7 @@ pub(super) fn choose(
     Ok((chosen, alpha))
 }
 
-/// The colours of each index, from their 16 bits.
+/// Palette colours, reduced from 16 bits.
 fn palette(raster: &Raster, meaning: &Meaning) -> Result<Vec<[u8; 3]>> {
     let entries = match raster.stored() {
         None => 2,
@@ -178,7 +178,7 @@ fn palette(raster: &Raster, meaning: &Meaning) -> Result<Vec<[u8; 3]>> {
             values.len(),
         ));
     }
-    // Some writers put bytes there.
+    // Some writers store 8-bit values in the 16 bits.
     let shift = if values.iter().all(|&value| value < 256) { 0 } else { 8 };
     let entry = |index: usize| [0, 1, 2].map(|colour| (values[colour * entries + index] >> shift) as u8);
     Ok((0..entries).map(entry).collect())

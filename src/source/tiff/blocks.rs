@@ -1,10 +1,10 @@
-//! Windows of one band, gathered from its blocks.
+//! Windows of one band, assembled from its blocks.
 //!
 //! Blocks are decoded in parallel, straight into the window; uncompressed ones are read by
-//! `direct`. The decoded blocks that a sweep from north to south will want again (those under the
-//! rows that consecutive bands share) are kept, and no others, so that no block is decoded twice
-//! and memory is bounded by one band and one row of blocks. The result does not depend on the
-//! number of threads, nor does the error: the first damaged block in file order is reported.
+//! `direct`. A sweep from north to south keeps exactly those decoded blocks that it will need
+//! again, under the rows that consecutive bands share. So no block is decoded twice, and memory is
+//! bounded by one band and one row of blocks. Neither the result nor the error depends on the
+//! number of threads: the first damaged block in file order is reported.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -20,21 +20,20 @@ use super::parts::{self, Number, Part};
 use crate::error::{Error, Result};
 use crate::source::ReadMemory;
 
-/// Sweeps over different columns that are remembered at the same time.
+/// Most sweeps, over different columns, that are tracked at a time.
 const SWEEPS: usize = 4;
 
-/// Bytes that the system is asked to fetch at a time for the next window, at most.
+/// Most bytes that the system is asked to prefetch for the next window.
 const AHEAD: u64 = 64 << 20;
 
-/// Buffers of threads that are not decoding: of all rasters together, since a mosaic has hundreds
-/// open.
+/// Buffers not in use by a decoding thread, shared by all rasters since a mosaic has hundreds open.
 static BUFFERS: Mutex<Vec<Buffers>> = Mutex::new(Vec::new());
 
-/// Bytes of buffers that are given back rather than kept.
+/// Buffers of more bytes are freed rather than kept.
 const LARGE: usize = 16 << 20;
 
-/// Bytes that are read of a block which has so many decoded: no encoder makes one more than twice
-/// as large, and what stands behind is not needed.
+/// Most bytes read of a packed block that decodes to `decoded` bytes: no encoder needs more than
+/// twice as many, and anything behind the end is not needed.
 fn most_packed(decoded: u64) -> u64 {
     decoded.saturating_mul(2).saturating_add(1 << 16)
 }
@@ -46,25 +45,25 @@ type Block = Arc<Vec<u8>>;
 pub(super) struct Band {
     pub(super) file: Arc<TiffFile>,
     pub(super) layout: Layout,
-    /// The most recent last.
+    /// Sweeps in progress, the most recent last.
     sweeps: Mutex<Vec<Sweep>>,
-    /// Memory of blocks that were kept.
+    /// Memory of dropped blocks, for reuse.
     free: Mutex<Vec<Vec<u8>>>,
     #[cfg(test)]
     pub(super) decoded: std::sync::atomic::AtomicUsize,
 }
 
-/// Bands of the same columns, and decoded blocks for the next one.
+/// A sweep: consecutive bands over the same columns, and decoded blocks for the next band.
 struct Sweep {
     columns: Range<u32>,
     blocks: BTreeMap<usize, Block>,
     last: Range<u32>,
-    /// Most rows that two consecutive bands had in common; unknown before the second band.
+    /// Most rows that two consecutive bands shared; `None` before the second band.
     overlap: Option<u32>,
 }
 
 impl Sweep {
-    /// Goes on to the next band: the first row whose blocks will be wanted again.
+    /// Advances to a band of `rows`; returns the first row whose blocks the next band needs again.
     fn advance(&mut self, rows: &Range<u32>) -> u32 {
         if (self.last.start..=self.last.end).contains(&rows.start) && !self.last.is_empty() {
             let common = self.last.end - rows.start;
@@ -87,8 +86,8 @@ impl Band {
         }
     }
 
-    /// Writes the samples of a window, which must lie inside the raster, over `samples`; `fill`
-    /// where a sparse file has no block.
+    /// Reads a window, which must lie inside the raster, into `samples`; blocks missing from a
+    /// sparse file become `fill`.
     pub(super) fn window<T: Number>(
         &self,
         columns: &Range<u32>,
@@ -101,8 +100,7 @@ impl Band {
         if samples.is_empty() {
             return Ok(());
         }
-        // Sweeps go from north to south: while this window is worked on the system can fetch the
-        // next one.
+        // Sweeps go from north to south, so the system can prefetch the next window.
         let next = rows.end..rows.end.saturating_add(rows.len() as u32).min(layout.height);
         if let Some(Range { start, end }) = layout.span(columns, &next) {
             self.file.will_need(start..end.min(start.saturating_add(AHEAD)));
@@ -119,7 +117,7 @@ impl Band {
         }
     }
 
-    /// Memory that reading takes: see [`ReadMemory`].
+    /// Memory that reading takes; see [`ReadMemory`].
     pub(super) fn reading(&self) -> ReadMemory {
         let layout = &self.layout;
         let sample = match layout.stored {
@@ -137,19 +135,19 @@ impl Band {
         let block = stored.max(bits);
         let packed = layout.counts.iter().copied().max().unwrap_or(0).min(most_packed(stored));
         let column = (u64::from(layout.across) as f64) * block as f64 / f64::from(layout.width.max(1));
-        // Where the last block is made of bits or bytes are put in order, a second buffer stands
+        // If bits are unpacked or bytes reordered in the last block, there is a second buffer
         // beside the first.
         let thread = packed.saturating_add(block).saturating_add(stored.min(bits).max(layout.row_bytes()));
         ReadMemory { sample, column, block, thread }
     }
 
-    /// Lets go of blocks.
+    /// Drops the kept blocks.
     pub(super) fn release(&self) {
         self.sweeps.lock().unwrap_or_else(PoisonError::into_inner).clear();
         self.free.lock().unwrap_or_else(PoisonError::into_inner).clear();
     }
 
-    /// Lends the buffers of one thread.
+    /// Lends the buffers of one thread to `work`.
     pub(super) fn with_buffers<R>(work: impl FnOnce(&mut Buffers) -> R) -> R {
         let lock = || BUFFERS.lock().unwrap_or_else(PoisonError::into_inner);
         let buffers = lock().pop();
@@ -194,7 +192,7 @@ impl Band {
         Ok(())
     }
 
-    /// Decodes a block that is in the file.
+    /// Decodes a block that the file has.
     pub(super) fn decode(&self, index: usize, buffers: &mut Buffers) -> Result<()> {
         let layout = &self.layout;
         let (start, count) = (layout.offsets[index], layout.counts[index]);
@@ -216,7 +214,7 @@ impl Band {
         decode::block(layout, buffers, rows, &name)
     }
 
-    /// Blocks kept for a band, and the first row whose blocks are to be kept for the next.
+    /// The blocks kept for a band, and the first row whose blocks are to be kept for the next.
     fn begin(&self, columns: &Range<u32>, rows: &Range<u32>) -> (BTreeMap<usize, Block>, u32) {
         // The lock is not held while threads work: one of them might come back here.
         let mut sweeps = self.sweeps.lock().unwrap_or_else(PoisonError::into_inner);
@@ -225,7 +223,7 @@ impl Band {
             None => Sweep { columns: columns.clone(), blocks: BTreeMap::new(), last: 0..0, overlap: None },
         };
         let keep_from = sweep.advance(rows);
-        // What has been passed is of no more use, and a block may be as large as the raster.
+        // Blocks above these rows are not needed again, and one may be as large as the raster.
         sweeps.retain(|sweep| sweep.last.end >= rows.start);
         let kept = sweep.blocks.clone();
         if sweeps.len() == SWEEPS {
@@ -235,7 +233,7 @@ impl Band {
         (kept, keep_from)
     }
 
-    /// Keeps what the next band of a sweep needs, and the memory of what it does not.
+    /// Stores the blocks that the next band of a sweep needs, and the memory of the others.
     fn end(&self, columns: &Range<u32>, blocks: BTreeMap<usize, Block>) {
         let mut sweeps = self.sweeps.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(sweep) = sweeps.iter_mut().find(|sweep| sweep.columns == *columns) else { return };
@@ -245,7 +243,7 @@ impl Band {
         *self.free.lock().unwrap_or_else(PoisonError::into_inner) = free;
     }
 
-    /// A buffer for a block, used before if possible.
+    /// A buffer for a block, reused if possible.
     fn memory(&self) -> Vec<u8> {
         self.free.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
     }

@@ -1,10 +1,10 @@
-//! One block from its bytes in the file to samples of one band in this machine's byte order.
+//! Decodes one block from its bytes in the file to samples of one band in this machine's byte
+//! order.
 //!
-//! Output sizes come from the layout alone: a block that yields less is damaged, what it yields
-//! beyond is ignored, as libtiff does. LZW goes through `weezl` itself, because the decoder of the
-//! `tiff` crate (0.11.3) gives up on valid blocks without an end code. Deflate goes through
-//! libdeflate, which wants all of a stream at once, and through flate2 where a block does not end
-//! where it should.
+//! The output size follows from the layout alone: a block that yields less is damaged, and anything
+//! beyond is ignored, as libtiff does. LZW uses `weezl` directly, because the decoder of the `tiff`
+//! crate (0.11.3) fails on valid blocks without an end code. Deflate uses libdeflate, which needs
+//! the whole stream at once, and flate2 if a block ends in another place than it should.
 
 use zstd::zstd_safe::{DCtx, InBuffer, OutBuffer, ResetDirective, get_error_name};
 
@@ -12,12 +12,12 @@ use super::layout::{Compression, Layout, Predictor, Stored};
 use crate::error::{Error, Result};
 use crate::sample::SampleType;
 
-/// What one thread needs to decode blocks, kept from block to block.
+/// Buffers of one decoding thread, reused from block to block.
 #[derive(Default)]
 pub(super) struct Buffers {
-    /// The block as it lies in the file.
+    /// The block as in the file.
     pub(super) packed: Vec<u8>,
-    /// The block decoded.
+    /// The decoded block.
     pub(super) bytes: Vec<u8>,
     spare: Vec<u8>,
     inflater: Option<libdeflater::Decompressor>,
@@ -25,13 +25,13 @@ pub(super) struct Buffers {
 }
 
 impl Buffers {
-    /// Bytes that they take.
+    /// Bytes of all buffers.
     pub(super) fn bytes(&self) -> usize {
         self.packed.capacity() + self.bytes.capacity() + self.spare.capacity()
     }
 }
 
-/// Makes a buffer that is overwritten as long as asked for; what it had is not cleared.
+/// Sets the length of a buffer that will be overwritten; its content is not cleared.
 pub(super) fn resize(buffer: &mut Vec<u8>, length: usize) -> Result<()> {
     let more = length.saturating_sub(buffer.len());
     buffer.try_reserve_exact(more).map_err(|_| Error::out_of_memory("a block", length as u64))?;
@@ -39,10 +39,10 @@ pub(super) fn resize(buffer: &mut Vec<u8>, length: usize) -> Result<()> {
     Ok(())
 }
 
-/// Decodes the packed bytes of a block of `rows` coded rows; the result has `block_width` samples
-/// (bytes 0 or 1 for bits) in each row.
+/// Decodes a packed block of `rows` coded rows. The result has `block_width` samples in each row
+/// (bytes 0 or 1 for bits).
 ///
-/// `name` says which block it is in messages.
+/// `name` names the block in messages.
 pub(super) fn block(
     layout: &Layout,
     buffers: &mut Buffers,
@@ -88,7 +88,7 @@ pub(super) fn block(
     Ok(())
 }
 
-/// Why a block cannot be decoded.
+/// The reason why a block cannot be decoded.
 enum Problem {
     Damaged(String),
     Other(Error),
@@ -124,16 +124,16 @@ fn deflate(
     inflater: &mut Option<libdeflater::Decompressor>,
 ) -> Result<usize, Problem> {
     let inflater = inflater.get_or_insert_with(libdeflater::Decompressor::new);
-    // It refuses whatever does not fit `out`, and does not say how far it came.
+    // libdeflate refuses output that does not fit `out`, and does not say how far it came.
     inflater.zlib_decompress(packed, out).or_else(|_| inflate(packed, out))
 }
 
-/// As much of a stream as it has and `out` takes.
+/// Decodes as much of a stream as it has and `out` holds.
 fn inflate(packed: &[u8], out: &mut [u8]) -> Result<usize, Problem> {
     let mut inflater = flate2::Decompress::new(true);
     let (mut read, mut written) = (0, 0);
     loop {
-        // Once more when `out` is full: the end of the stream holds a checksum of what came before.
+        // Called once more when `out` is full, to reach the checksum at the end of the stream.
         let full = written == out.len();
         let status = inflater
             .decompress(&packed[read..], &mut out[written..], flate2::FlushDecompress::None)
@@ -214,7 +214,7 @@ pub(super) fn swap(bytes: &mut [u8], size: usize) {
     }
 }
 
-/// Turns differences into samples of this machine's byte order.
+/// Undoes the predictor; the result is in this machine's byte order.
 fn unpredict(
     layout: &Layout,
     kind: SampleType,
@@ -223,7 +223,7 @@ fn unpredict(
     spare: &mut Vec<u8>,
 ) -> Result<()> {
     if layout.predictor == Predictor::FloatingPoint {
-        // Its bytes are sorted from the highest to the lowest, whatever the byte order of the file.
+        // The bytes are sorted from the highest to the lowest, whatever the byte order of the file.
         resize(spare, row_bytes)?;
         sum_and_merge_bytes(bytes, row_bytes, kind.bytes(), layout.bands as usize, spare);
         return Ok(());
@@ -253,7 +253,7 @@ fn unpredict(
     Ok(())
 }
 
-/// Adds to each sample of a row the one of the same band before it.
+/// Adds to each sample of a row the preceding one of the same band.
 #[inline]
 fn sum<const N: usize>(row: &mut [u8], bands: usize, add: impl Fn([u8; N], [u8; N]) -> [u8; N]) {
     let samples = row.as_chunks_mut::<N>().0;
@@ -270,8 +270,8 @@ fn sum<const N: usize>(row: &mut [u8], bands: usize, add: impl Fn([u8; N], [u8; 
     }
 }
 
-/// Predictor 3: sums bytes along the row, then takes byte `k` of a number from the `k`th part of
-/// the row. `planes` has room for a row.
+/// Undoes predictor 3: adds up bytes along the row, then takes byte `k` of each number from the
+/// `k`th part of the row. `planes` holds a row.
 fn sum_and_merge_bytes(bytes: &mut [u8], row_bytes: usize, size: usize, bands: usize, planes: &mut [u8]) {
     for row in bytes.chunks_exact_mut(row_bytes) {
         sum(row, bands, |a: [u8; 1], b| [a[0].wrapping_add(b[0])]);
@@ -293,7 +293,7 @@ fn merge<const N: usize>(planes: &[u8], row: &mut [u8]) {
     }
 }
 
-/// Keeps one of so many interleaved samples.
+/// Keeps one band of interleaved samples.
 fn one_band(bytes: &mut Vec<u8>, size: usize, (bands, band): (usize, usize)) {
     if bands > 1 {
         let count = bytes.len() / (size * bands);
@@ -311,7 +311,7 @@ mod tests {
 
     #[test]
     fn pack_bits_of_the_specification() {
-        // The example of TIFF 6.0, section 9.
+        // The example in TIFF 6.0, section 9.
         let packed =
             [0xFE, 0xAA, 0x02, 0x80, 0x00, 0x2A, 0xFD, 0xAA, 0x03, 0x80, 0x00, 0x2A, 0x22, 0xF7, 0xAA];
         let mut out = [0; 24];

@@ -1,8 +1,8 @@
-//! Uncompressed samples, read from the file straight to where they are wanted.
+//! Reads uncompressed samples from the file directly into their destination.
 //!
-//! Whole rows of one band that follow each other in the file are read in long runs, cut for the
-//! threads. Of anything else only the wanted bytes of a row are read, or several rows at once where
-//! nearly all of a row is wanted.
+//! Consecutive whole rows of a single band are read in long runs, divided among the threads.
+//! Otherwise only the wanted part of each row is read, or several rows at once if nearly all of a
+//! row is wanted.
 
 use std::ops::Range;
 
@@ -15,17 +15,17 @@ use super::layout::Layout;
 use super::parts::{Number, Part};
 use crate::error::{Error, Result};
 
-/// Bytes of one read: long enough to make the call cheap, short enough for the fast caches and for
-/// several threads.
+/// Bytes of one read: many enough to make the call cheap, few enough for fast caches and several
+/// threads.
 pub(super) const READ_BYTES: usize = 512 << 10;
 
-/// Rows that follow each other in the file; `None` where a sparse file has none.
+/// Consecutive rows in the file; `None` where a sparse file lacks them.
 struct Run {
     start: Option<u64>,
     rows: Range<u32>,
 }
 
-/// Fails unless the file has all rows of a block that are the raster's.
+/// Fails unless the file has all rows of a block that lie in the raster.
 fn check(band: &Band, block: usize) -> Result<()> {
     let layout = &band.layout;
     let row = (block / layout.across as usize) as u32;
@@ -38,7 +38,7 @@ fn check(band: &Band, block: usize) -> Result<()> {
     Ok(())
 }
 
-/// Whole rows of strips with one band.
+/// Reads whole rows of strips with a single band.
 pub(super) fn rows<T: Number>(band: &Band, rows: &Range<u32>, out: &mut [T], fill: T) -> Result<()> {
     let width = band.layout.width as usize;
     let mut rest = out;
@@ -67,7 +67,7 @@ pub(super) fn rows<T: Number>(band: &Band, rows: &Range<u32>, out: &mut [T], fil
     done.into_iter().collect()
 }
 
-/// Names strips by their rows.
+/// Names strips by their rows, for messages.
 fn strips(layout: &Layout, first: usize, rows: &Range<u32>) -> String {
     format!("rows {} to {} (from {})", rows.start, rows.end - 1, layout.block_name(first))
 }
@@ -95,7 +95,7 @@ fn runs(band: &Band, rows: &Range<u32>) -> Result<Vec<Run>> {
     Ok(runs)
 }
 
-/// Any window, by its blocks.
+/// Reads any window, block by block.
 pub(super) fn parts<T: Number>(band: &Band, parts: Vec<Part<'_, T>>, fill: T) -> Result<()> {
     let done: Vec<Result<()>> = parts.into_par_iter().map(|part| self::part(band, part, fill)).collect();
     done.into_iter().collect()
@@ -110,7 +110,7 @@ fn part<T: Number>(band: &Band, mut part: Part<'_, T>, fill: T) -> Result<()> {
     check(band, part.block)?;
     let (row_bytes, pixel) = (layout.row_bytes(), layout.bands as usize * size_of::<T>());
     let wanted = part.rows.first().map_or(0, |row| row.len());
-    // Rows of one read: several if little of them is not wanted.
+    // Rows of one read: several if little between their wanted parts is unwanted.
     let together = if 2 * (wanted * pixel) as u64 > row_bytes { READ_BYTES as u64 / row_bytes } else { 1 };
     let together = usize::try_from(together).unwrap_or(usize::MAX).clamp(1, part.rows.len().max(1));
     let first = layout.offsets[part.block] + u64::from(part.top) * row_bytes;
@@ -138,7 +138,7 @@ fn part<T: Number>(band: &Band, mut part: Part<'_, T>, fill: T) -> Result<()> {
     done.into_iter().collect()
 }
 
-/// Rows of a block by way of a buffer.
+/// Reads rows of a block through a buffer.
 fn gather<T: Number>(
     band: &Band,
     start: u64,

@@ -1,11 +1,11 @@
-//! Headers, directories and tag values of a TIFF file, classic and big, of either byte order, read
-//! by position.
+//! Headers, directories and tag values of a TIFF file, classic or BigTIFF, in either byte order,
+//! read by position.
 //!
-//! What a directory means is libtiff's reading of it, which is GDAL's: of a tag that is there twice
-//! the first counts, a number may be stored in any type that holds it, and a chain of directories
-//! that is damaged behind the first ends where it is damaged. Nothing is allocated before the file
-//! is known to be long enough for it, and directories and values that overlap cannot multiply: what
-//! is read of all of them together is bounded by the length of the file.
+//! Directories are interpreted as libtiff and GDAL do: the first of two equal tags counts, a number
+//! may be stored in any type that holds it, and a chain of directories ends at the first damaged
+//! one behind the first. Nothing is allocated before the file is known to be long enough for it.
+//! Overlapping directories and values cannot multiply the work: all reads together are bounded by
+//! the length of the file.
 
 use std::collections::HashSet;
 
@@ -16,16 +16,17 @@ use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::source::kind;
 
-/// Most entries of all directories of a file together.
+/// Most entries in all directories of a file together.
 const MAX_ENTRIES: u64 = 1 << 20;
 
-/// How often a value may be read: each is read once or twice, and no two share their bytes.
+/// How often a byte may be read as part of a value: each value is read once or twice, and they do
+/// not overlap in valid files.
 const READ_AGAIN: u64 = 4;
 
-/// What to do about a file without its end.
+/// Advice for a file that ends too early.
 const CUT_OFF: &str = "(it is cut off, or damaged: get it again)";
 
-/// GDAL's XML with scale, offset and unit.
+/// Tag of GDAL's XML with scale, offset and unit.
 pub(super) const GDAL_METADATA: Tag = Tag::Unknown(42112);
 
 /// A TIFF file whose header has been read.
@@ -35,10 +36,10 @@ pub(super) struct Reader<'a> {
     max_entries: u64,
     /// Bytes of values that may still be read.
     left: u64,
-    /// True if the header says BigTIFF.
+    /// True for BigTIFF.
     pub(super) big: bool,
     little: bool,
-    /// True if numbers in the file are not in this machine's byte order.
+    /// True if the byte order of the file is not this machine's.
     pub(super) swapped: bool,
 }
 
@@ -48,29 +49,29 @@ pub(super) struct Directory {
     entries: Vec<Entry>,
 }
 
-/// A tag and where its values are.
+/// A tag's type, count and position of its values.
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     tag: u16,
     kind: u16,
     count: u64,
-    /// Where the first value is in the file; that of few bytes is in the entry itself.
+    /// Offset of the first value in the file; short values lie in the entry itself.
     at: u64,
 }
 
-/// Values of a tag, in the byte order of the file.
+/// Values of a tag in the byte order of the file.
 struct Raw {
     kind: Type,
     bytes: Vec<u8>,
 }
 
 impl Directory {
-    /// True if it has a tag.
+    /// True if the directory has a tag.
     pub(super) fn contains(&self, tag: Tag) -> bool {
         self.get(tag).is_some()
     }
 
-    /// Of two tags the one that stands further back, or is there alone.
+    /// Of two tags, the one with the later position in the directory, or the only one.
     pub(super) fn later(&self, one: Tag, other: Tag) -> Tag {
         let place = |tag: Tag| self.entries.iter().position(|entry| entry.tag == tag.to_u16());
         if place(one) > place(other) { one } else { other }
@@ -82,8 +83,8 @@ impl Directory {
 }
 
 impl<'a> Reader<'a> {
-    /// Reads the header. Anything that does not start like a TIFF is [`Error::Unsupported`]: it may
-    /// be another format.
+    /// Reads the header. A file that does not begin as a TIFF is [`Error::Unsupported`], since it
+    /// may have another format.
     pub(super) fn new(file: &'a TiffFile, limits: &Limits) -> Result<Self> {
         let mut head = [0; kind::LOOK];
         let start = &mut head[..file.length().min(kind::LOOK as u64) as usize];
@@ -121,19 +122,19 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// Bytes of the file.
+    /// Length of the file in bytes.
     pub(super) fn file_bytes(&self) -> u64 {
         self.file.length()
     }
 
-    /// All directories of the main chain, first the full image: at least one.
+    /// All directories of the main chain, at least one, the full image first.
     pub(super) fn directories(&mut self) -> Result<Vec<Directory>> {
         let (mut found, mut seen) = (Vec::new(), HashSet::new());
         let (mut next, mut total) = (self.first, 0_u64);
         while next != 0 && seen.insert(next) {
             let place = || format!("TIFF directory {} at offset {next}", found.len());
             let entries = self.entry_count(next)?.filter(|&entries| {
-                // Directories that lie over one another are damage too: they are not multiplied.
+                // Overlapping directories are damage too; they are not read again and again.
                 total += entries;
                 total * self.entry_bytes() <= self.file.length() && total <= MAX_ENTRIES
             });
@@ -143,7 +144,7 @@ impl<'a> Reader<'a> {
                         format!("other bytes, or the end of the file at {} {CUT_OFF}", self.file.length());
                     return Err(Error::format(place(), "a directory", got));
                 }
-                // Damage behind the first image: what was found counts, as in GDAL.
+                // Damage behind the first image: the directories found so far count, as in GDAL.
                 break;
             };
             let (directory, link) = self.directory(next, entries, &place)?;
@@ -156,8 +157,8 @@ impl<'a> Reader<'a> {
         Ok(found)
     }
 
-    /// How many entries the directory at an offset has; `None` if it has none, or the file not all
-    /// of them.
+    /// Number of entries of the directory at an offset; `None` if it has none or extends beyond the
+    /// end of the file.
     fn entry_count(&self, at: u64) -> Result<Option<u64>> {
         let room = self.file.length().checked_sub(at);
         let Some(room) = room.and_then(|room| room.checked_sub(self.count_bytes() as u64)) else {
@@ -169,7 +170,7 @@ impl<'a> Reader<'a> {
         Ok(Some(self.number(count)).filter(|&entries| entries > 0 && entries <= room / self.entry_bytes()))
     }
 
-    /// The directory at an offset, of so many entries, and the offset of the next one.
+    /// The directory of `entries` entries at an offset, and the offset of the next one.
     fn directory(&self, at: u64, entries: u64, place: &dyn Fn() -> String) -> Result<(Directory, u64)> {
         let first = at + self.count_bytes() as u64;
         let (entry_bytes, word) = (self.entry_bytes(), self.word());
@@ -203,7 +204,7 @@ impl<'a> Reader<'a> {
         Ok(self.some_integers(directory, tag, 1)?.and_then(|values| values.first().copied()))
     }
 
-    /// An integer that must be there and fit 32 bits.
+    /// An integer that must be present and fit 32 bits.
     pub(super) fn required(&mut self, directory: &Directory, tag: Tag) -> Result<u32> {
         let value =
             self.integer(directory, tag)?.ok_or_else(|| Error::format(place(tag), "one value", "none"))?;
@@ -233,7 +234,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// All values of a tag of numbers, of whatever type.
+    /// All values of a numeric tag of any type.
     pub(super) fn doubles(&mut self, directory: &Directory, tag: Tag) -> Result<Option<Vec<f64>>> {
         let Some(Raw { kind, bytes }) = self.raw(directory, tag, u64::MAX)? else { return Ok(None) };
         let fraction = |above: f64, below: f64| if below == 0.0 { 0.0 } else { above / below };
@@ -258,8 +259,8 @@ impl<'a> Reader<'a> {
         Ok(Some(bytes.chunks_exact(bytes_of(kind as u16) as usize).map(value).collect()))
     }
 
-    /// A text up to its first NUL. Bytes that are not UTF-8 become `?` one by one, so that offsets
-    /// into it stay right.
+    /// A text up to its first NUL. Each byte that is not UTF-8 becomes `?`, so that offsets into it
+    /// stay right.
     pub(super) fn text(&mut self, directory: &Directory, tag: Tag) -> Result<Option<String>> {
         let Some(Raw { kind, mut bytes }) = self.raw(directory, tag, u64::MAX)? else { return Ok(None) };
         if bytes_of(kind as u16) != 1 {
@@ -274,7 +275,7 @@ impl<'a> Reader<'a> {
         Ok(Some(text))
     }
 
-    /// The first values of a tag, `most` of them unless there are fewer.
+    /// The first `most` values of a tag, or all if there are fewer.
     fn raw(&mut self, directory: &Directory, tag: Tag, most: u64) -> Result<Option<Raw>> {
         let Some(Entry { kind, count, at, .. }) = directory.get(tag) else { return Ok(None) };
         let known = Type::from_u16(kind);
@@ -305,12 +306,12 @@ impl<'a> Reader<'a> {
         number(bytes, self.little)
     }
 
-    /// Bytes of the count of a directory's entries.
+    /// Bytes of the number of entries at the start of a directory.
     fn count_bytes(&self) -> usize {
         if self.big { 8 } else { 2 }
     }
 
-    /// Bytes of an offset, and of a value that is in its entry.
+    /// Bytes of an offset, and of the value field of an entry.
     fn word(&self) -> usize {
         if self.big { 8 } else { 4 }
     }
@@ -320,7 +321,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Where a tag's value is, for messages.
+/// The name of a tag's place, for messages.
 pub(super) fn place(tag: Tag) -> String {
     match tag {
         Tag::Unknown(number) => format!("TIFF tag {number}"),
@@ -342,7 +343,7 @@ fn number(bytes: &[u8], little: bool) -> u64 {
     }
 }
 
-/// Bytes of a value; 1 for types that TIFF does not know.
+/// Bytes of a value of a type; 1 for unknown types.
 fn bytes_of(kind: u16) -> u64 {
     match Type::from_u16(kind) {
         Some(Type::SHORT | Type::SSHORT) => 2,
@@ -370,8 +371,8 @@ mod tests {
         Ok((directories.len(), directories.iter().map(|directory| directory.entries.len()).sum()))
     }
 
-    /// Directories of 200 entries, `stride` bytes from one to the next, whose offsets of strips are
-    /// all the same values.
+    /// Directories of 200 entries, `stride` bytes apart, whose strip offsets all share the same
+    /// values.
     fn chain(count: u32, stride: usize, values: u32) -> Vec<u8> {
         let mut file = b"II*\0\x08\0\0\0".to_vec();
         let (entries, links) = (200 * 12, 8 + 2 + 200 * 12);
@@ -390,13 +391,13 @@ mod tests {
 
     #[test]
     fn directories_and_values_that_overlap_are_not_multiplied() {
-        // Beside each other all are read; they end where the next one would be cut off.
+        // Directories side by side are all read; the last one that fits the file ends the chain.
         assert_eq!(read(&chain(50, 2500, 3)).expect("directories"), (50, 50 * 200));
-        // Over one another as many as the file has room for.
+        // Of overlapping directories, as many are read as would fit into the file.
         let file = chain(5000, 4, 3);
         let (_, entries) = read(&file).expect("directories");
         assert!(entries * 12 <= file.len() && entries > 0, "{entries}");
-        // All of them name nearly all of the file.
+        // All of these values cover nearly the whole file.
         let file = chain(50, 2500, 30_000);
         let message = read(&file).expect_err("values that overlap").to_string();
         assert!(message.contains("overlap"), "{message}");

@@ -1,8 +1,7 @@
-//! One open TIFF file, read by position from several threads.
+//! An open TIFF file, read by position from several threads.
 //!
-//! Nothing is mapped: a file that another program shortens or a disk that fails gives an error that
-//! names the place, and what is read is copied once, into a buffer whose size does not come from
-//! the file alone.
+//! The file is not mapped: if another program shortens it or a disk fails, an error names the
+//! place. Data is copied once, into a buffer whose size does not come from the file alone.
 
 use std::fs::File;
 use std::io;
@@ -14,7 +13,7 @@ use crate::file::{read_exact_at, will_need};
 use crate::limits::Limits;
 use crate::source::gzip;
 
-/// A file, or the content of a gzipped one, and its length when it was opened.
+/// A file, or the content of a gzipped one, with its length when it was opened.
 pub(super) struct TiffFile {
     file: File,
     path: PathBuf,
@@ -29,22 +28,22 @@ impl TiffFile {
         Ok(Self { file, path: path.to_owned(), length, is_gzipped })
     }
 
-    /// True if what is read is the content of a gzipped file.
+    /// True if this is the content of a gzipped file.
     pub(super) fn is_gzipped(&self) -> bool {
         self.is_gzipped
     }
 
-    /// Where it is.
+    /// Path of the file.
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Its length when it was opened.
+    /// Length when it was opened.
     pub(super) fn length(&self) -> u64 {
         self.length
     }
 
-    /// Fills `bytes` from `offset` on; `name` says what they are in messages.
+    /// Fills `bytes` from `offset` on; `name` names them in messages.
     pub(super) fn read(&self, bytes: &mut [u8], offset: u64, name: &dyn Fn() -> String) -> Result<()> {
         read_exact_at(&self.file, bytes, offset).map_err(|source| {
             let what = format!("{} bytes from offset {offset} on", bytes.len());
@@ -58,7 +57,7 @@ impl TiffFile {
         })
     }
 
-    /// Says that some bytes will be read soon.
+    /// Tells the system that some bytes will be read soon.
     pub(super) fn will_need(&self, bytes: Range<u64>) {
         will_need(&self.file, bytes);
     }
@@ -75,7 +74,7 @@ mod tests {
         std::fs::write(&path, [7; 100]).expect("write");
         let file = TiffFile::open(&path, &Limits::default()).expect("open");
         File::options().write(true).open(&path).expect("open").set_len(60).expect("shorten");
-        // Only a hint.
+        // This is only a hint.
         file.will_need(50..1000);
         let mut bytes = [0; 50];
         file.read(&mut bytes[..20], 40, &|| "strip 3".to_owned()).expect("there");

@@ -1,4 +1,4 @@
-//! What the tags say a raster is, by the rules of GDAL.
+//! The georeference and other properties in the tags of a TIFF, by GDAL's rules.
 
 use tiff::tags::Tag;
 
@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::geo::GeoKeys;
 use crate::source::account::Tags;
 
-/// What the tags say of place, coordinate system and heights.
+/// The tags about place, coordinate system and heights.
 pub(super) fn read(reader: &mut Reader<'_>, image: &Directory) -> Result<Tags> {
     let keys = GeoKeys {
         directory: reader
@@ -21,7 +21,7 @@ pub(super) fn read(reader: &mut Reader<'_>, image: &Directory) -> Result<Tags> {
         ascii: reader.text(image, Tag::GeoAsciiParamsTag)?.unwrap_or_default(),
     };
     let has_keys = !keys.directory.is_empty();
-    // GeoTIFF 1.1; before it GDAL passes over vertical systems, but for their unit.
+    // A feature of GeoTIFF 1.1. In older files GDAL ignores vertical systems except for their unit.
     let has_heights = keys.directory.get(..3).is_some_and(|head| head[..2] == [1, 1] && head[2] >= 1);
     let reference = geokeys::read(keys);
     let scale = reader.doubles(image, Tag::ModelPixelScaleTag)?.unwrap_or_default();
@@ -43,9 +43,9 @@ pub(super) fn read(reader: &mut Reader<'_>, image: &Directory) -> Result<Tags> {
     })
 }
 
-/// GDAL's geotransform. The pixel scale goes before the matrix, the first tie point alone counts,
-/// and a negative y scale is taken for a mistake: GDAL reads such files north up. Tie points
-/// without a scale are control points.
+/// The geotransform as GDAL computes it. Pixel scale wins over the matrix, only the first tie point
+/// counts, and a negative y scale is taken for a mistake: GDAL reads such files north up. Tie
+/// points without a scale are control points.
 fn transform(scale: &[f64], ties: &[f64], matrix: &[f64], pixel_is_point: bool) -> Option<([f64; 6], u16)> {
     let (mut found, tag) = match (scale, ties, matrix) {
         (&[sx, sy, ..], _, _) if sx != 0.0 && sy != 0.0 => {
@@ -64,7 +64,7 @@ fn transform(scale: &[f64], ties: &[f64], matrix: &[f64], pixel_is_point: bool) 
     found.iter().all(|value| value.is_finite()).then_some((found, tag.to_u16()))
 }
 
-/// The third dimension of scale and tie point.
+/// Scale and offset of heights, from the third dimension of pixel scale and tie point.
 fn scale_offset(scale: &[f64], ties: &[f64]) -> Option<(f64, f64)> {
     let (&[_, _, sz, ..], &[_, _, k, _, _, z, ..]) = (scale, ties) else { return None };
     let both = (sz, z - k * sz);

@@ -1,8 +1,8 @@
-//! JPEG blocks of pictures, by way of `zune-jpeg`.
+//! JPEG blocks of pictures, decoded by `zune-jpeg`.
 //!
-//! A block lacks the tables that all blocks share: they go before it. A block in several scans of
-//! one component each would be decoded to garbage without an error (zune-jpeg 0.5.15), so it is
-//! refused.
+//! A block lacks the tables that all blocks share, so they are put in front of it. A block with
+//! several scans of one component each is refused, because zune-jpeg 0.5.15 would decode it to
+//! garbage without an error.
 
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
@@ -13,8 +13,8 @@ use super::layout::Layout;
 use crate::error::{Error, Result};
 use crate::source::open::NEEDS_GDAL;
 
-/// Decodes a block of `rows` rows into `out`, which is as wide as the block; the bytes that there
-/// are. `name` says which block it is.
+/// Decodes a block of `rows` rows into `out`, which is as wide as the block; returns the number of
+/// bytes. `name` names the block in messages.
 pub(super) fn decode(
     packed: &[u8],
     layout: &Layout,
@@ -35,7 +35,7 @@ pub(super) fn decode(
     let damaged = |error: &dyn std::fmt::Display| Error::format(name(), "a JPEG", error);
     decoder.decode_headers().map_err(|error| damaged(&error))?;
     let coded = decoder.input_colorspace().unwrap_or(ColorSpace::Unknown);
-    // What is not YCbCr by its tags is not converted, whatever the decoder thinks that it is.
+    // Unless the tags say YCbCr nothing is converted, whatever the decoder guesses.
     let wanted = if is_ycbcr && bands == 3 { ColorSpace::RGB } else { coded };
     decoder.set_options(options.jpeg_set_out_colorspace(wanted));
     let (width, height) = decoder.dimensions().unwrap_or_default();
@@ -54,17 +54,17 @@ pub(super) fn decode(
     Ok(there.map(|(from, to)| to.copy_from_slice(&from[..row_bytes])).count() * row_bytes)
 }
 
-/// The block with the shared tables after its first marker.
+/// The block with the shared tables inserted after its first marker.
 fn join(tables: &[u8], packed: &[u8]) -> Vec<u8> {
-    // Both begin with a start-of-image marker, the tables end with an end-of-image marker.
+    // Both begin with a start-of-image marker; the tables end with an end-of-image marker.
     let shared = tables.strip_prefix(&[0xFF, 0xD8]).unwrap_or_default();
     let shared = shared.strip_suffix(&[0xFF, 0xD9]).unwrap_or(shared);
     let image = packed.strip_prefix(&[0xFF, 0xD8]).unwrap_or(packed);
     [&[0xFF, 0xD8], shared, image].concat()
 }
 
-/// Looks at the segments up to the first scan: as many components in it as in the frame, `bands` if
-/// that is known, 8 bits each.
+/// Checks the segments up to the first scan: it must have as many components as the frame (`bands`
+/// if known), of 8 bits each.
 pub(in crate::source) fn check(stream: &[u8], bands: Option<usize>, name: &dyn Fn() -> String) -> Result<()> {
     let mut rest = stream.get(2..).unwrap_or_default();
     let mut frame = None;

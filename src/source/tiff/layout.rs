@@ -1,9 +1,8 @@
-//! How one band of one image lies in a TIFF file: its grid of blocks, their encoding, offsets and
+//! Layout of one band of one image in a TIFF file: the grid of blocks, their encoding, offsets and
 //! byte counts.
 //!
-//! Everything is checked here against [`Limits`] and against itself, so that later steps only meet
-//! numbers that make sense. What the file needs and this reader lacks is refused by its name. No
-//! sample is touched here.
+//! Everything is checked here against [`Limits`] and for consistency, so later steps can rely on
+//! it. Features that this reader lacks are refused by name. No sample is read here.
 
 mod places;
 mod tags;
@@ -18,13 +17,13 @@ use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
 
-/// Bytes of an uncompressed strip of a picture, at most, unless one row has more.
+/// Most bytes of an uncompressed strip of a picture, unless one row has more.
 const SHORT_STRIP: u64 = 512 << 10;
 
-/// No more of them are made: the offsets of a damaged file would fill the memory.
+/// Most strips made by cutting: the offsets of a damaged file would otherwise fill the memory.
 const MOST_STRIPS: u32 = 1 << 22;
 
-/// How the bytes of a block are packed.
+/// Compression of the blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Compression {
     None,
@@ -32,35 +31,35 @@ pub(super) enum Compression {
     Deflate,
     PackBits,
     Zstd,
-    /// Of pictures only.
+    /// Pictures only.
     Jpeg,
 }
 
 /// What an image is read for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
-    /// One of its bands, from 0: heights, a mask.
+    /// One band, from 0: heights or a mask.
     Band(u32),
-    /// All of its bands.
+    /// All bands.
     Picture,
 }
 
-/// What was subtracted from the samples before packing.
+/// How samples were turned into differences before packing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Predictor {
     None,
-    /// Difference of whole samples.
+    /// Differences of whole samples.
     Horizontal,
-    /// Difference of bytes, sorted by their significance.
+    /// Differences of bytes, sorted by significance.
     FloatingPoint,
 }
 
 /// Type of the samples in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Stored {
-    /// One bit, of a mask.
+    /// One bit of a mask.
     Bit,
-    /// One of the types that heights may have.
+    /// A type that heights can have.
     Number(SampleType),
 }
 
@@ -72,33 +71,34 @@ pub(super) struct Layout {
     pub(super) height: u32,
     pub(super) block_width: u32,
     pub(super) block_height: u32,
-    /// Blocks side by side.
+    /// Number of blocks in a row of blocks.
     pub(super) across: u32,
-    /// Rows of blocks.
+    /// Number of rows of blocks.
     pub(super) down: u32,
     pub(super) tiled: bool,
     pub(super) stored: Stored,
-    /// Samples of different bands beside each other in a block.
+    /// Interleaved bands in a block.
     pub(super) bands: u32,
-    /// Which of them is this band, from 0.
+    /// Index of this band among them, from 0.
     pub(super) place: u32,
-    /// This band of the file, from 0.
+    /// Index of this band in the file, from 0.
     pub(super) band: u32,
-    /// True if a decoded block keeps all of them, not this one only.
+    /// True if a decoded block keeps all its bands, not only this one.
     pub(super) all_bands: bool,
-    /// Bands of the file.
+    /// Number of bands of the file.
     pub(super) band_count: u32,
     pub(super) compression: Compression,
     pub(super) predictor: Predictor,
-    /// True if numbers must be turned to this machine's byte order.
+    /// True if the byte order of numbers must be swapped.
     pub(super) swapped: bool,
-    /// True if the bits of each byte in the file stand from the lowest to the highest.
+    /// True if the bits of each byte are stored lowest first.
     pub(super) reversed: bool,
-    /// What JPEG blocks have in common (tag 347), and whether they are YCbCr.
+    /// Tables shared by all JPEG blocks (tag 347), and whether the blocks are YCbCr.
     pub(super) jpeg: (Vec<u8>, bool),
-    /// Offsets of the blocks, row by row; of a picture whose bands lie apart, band by band.
+    /// Offsets of the blocks, row by row; if the bands of a picture are stored separately, band by
+    /// band.
     pub(super) offsets: Vec<u64>,
-    /// Bytes of the blocks in the file; 0 for one that is not there.
+    /// Bytes of the blocks in the file; 0 for a missing block.
     pub(super) counts: Vec<u64>,
 }
 
@@ -112,7 +112,7 @@ impl Stored {
 }
 
 impl Layout {
-    /// A band of an image, or all.
+    /// Reads the layout of one band or of all.
     pub(super) fn read(
         reader: &mut Reader<'_>,
         directory: &Directory,
@@ -157,7 +157,7 @@ impl Layout {
             compression,
             predictor,
             swapped: reader.swapped,
-            // A JPEG knows no other order.
+            // JPEG has one bit order only.
             reversed: compression != Compression::Jpeg
                 && reader.integer(directory, Tag::FillOrder)? == Some(2),
             jpeg: if compression == Compression::Jpeg {
@@ -176,20 +176,20 @@ impl Layout {
         Ok(layout)
     }
 
-    /// Sets of blocks: one, or one for each band of a picture whose bands lie apart.
+    /// Sets of blocks: one, or one for each band that is stored separately.
     pub(super) fn planes(&self) -> u32 {
         if self.all_bands { self.band_count / self.bands } else { 1 }
     }
 
-    /// Cuts uncompressed strips into short ones, so that nobody has to read a picture that is one
-    /// strip as a whole.
+    /// Cuts uncompressed strips into short ones, so that a picture stored as one strip need not be
+    /// read as a whole.
     fn shorten(&mut self) {
         let most = (SHORT_STRIP / self.row_bytes().max(1)).max(1);
         if self.tiled || !self.is_direct() || u64::from(self.block_height) <= most {
             return;
         }
         let whole = self.block_height;
-        // One strip can be cut anywhere, of several each in the same way.
+        // A single strip can be cut anywhere; several must all be cut in the same way.
         let parts = (2..=whole).filter(|&parts| self.down == 1 || whole.is_multiple_of(parts));
         let mut heights = parts.map(|parts| whole.div_ceil(parts));
         let Some(short) = heights.find(|&height| u64::from(height) <= most) else { return };
@@ -217,8 +217,7 @@ impl Layout {
         (u64::from(self.block_width) * u64::from(self.bands) * self.stored.bits()).div_ceil(8)
     }
 
-    /// Rows that the encoder put into blocks of this row of blocks: a tile is always whole, the
-    /// last strip is not.
+    /// Coded rows of the blocks in a row of blocks: a tile is always full, the last strip is not.
     pub(super) fn coded_rows(&self, block_row: u32) -> u32 {
         if self.tiled { self.block_height } else { self.raster_rows(block_row) }
     }
@@ -228,15 +227,15 @@ impl Layout {
         self.block_height.min(self.height - block_row * self.block_height)
     }
 
-    /// True if samples can be taken from the file as they stand.
+    /// True if samples can be read from the file without decoding.
     pub(super) fn is_direct(&self) -> bool {
         self.compression == Compression::None && self.stored != Stored::Bit && !self.reversed
     }
 
-    /// Where the blocks lie that a window needs, if little else lies there that it does not; `None`
-    /// of an empty window.
+    /// The byte range of the blocks of a window, if little else lies in it; `None` for an empty
+    /// window.
     pub(super) fn span(&self, columns: &Range<u32>, rows: &Range<u32>) -> Option<Range<u64>> {
-        // Of rows that are not compressed the rest need not be read.
+        // Of an uncompressed row only the wanted part need be read.
         let by_row = self.is_direct() && !self.tiled;
         if columns.is_empty() || rows.is_empty() || by_row && 2 * columns.len() < self.width as usize {
             return None;
@@ -257,13 +256,13 @@ impl Layout {
         (least < end && end - least <= bytes.saturating_mul(2)).then_some(least..end)
     }
 
-    /// A block by name, for messages.
+    /// Name of a block, for messages.
     pub(super) fn block_name(&self, index: usize) -> String {
         let kind = if self.tiled { "tile" } else { "strip" };
         format!("{kind} {index} at offset {}", self.offsets.get(index).copied().unwrap_or(0))
     }
 
-    /// `tiles 256 x 256, LZW, predictor 2`.
+    /// A description such as `tiles 256 x 256, LZW, predictor 2`.
     pub(super) fn describe(&self) -> String {
         let blocks = match (self.tiled, self.block_height) {
             (true, _) => format!("tiles {} x {}", self.block_width, self.block_height),
@@ -291,8 +290,8 @@ impl Layout {
         format!("{blocks}, {packed}{predictor}{band}")
     }
 
-    /// A block that has to be decoded as a whole must fit; of others only the rows in use are ever
-    /// copied.
+    /// Checks that a block that is decoded as a whole fits the limits; other blocks are copied in
+    /// parts.
     fn check_size(&self, limits: &Limits) -> Result<()> {
         let bytes = u128::from(self.row_bytes()) * u128::from(self.block_height);
         let max = if self.is_direct() && !self.all_bands {
@@ -312,14 +311,14 @@ impl Layout {
     }
 }
 
-/// How many bands there are.
+/// Number of bands.
 fn samples_per_pixel(reader: &mut Reader<'_>, directory: &Directory) -> Result<u32> {
     let samples = reader.integer(directory, Tag::SamplesPerPixel)?.unwrap_or(1);
     let known = u16::try_from(samples).ok().filter(|&samples| samples > 0).map(u32::from);
     known.ok_or_else(|| Error::format(place(Tag::SamplesPerPixel), "1 to 65535", samples))
 }
 
-/// The refusal of a band, from 0, that a file has not got.
+/// The error for a band, from 0, that the file does not have.
 pub(in crate::source) fn no_band(band: u32, bands: u32) -> Error {
     let has =
         if bands == 1 { "band 1, the only one".to_owned() } else { format!("one of bands 1 to {bands}") };
@@ -330,7 +329,7 @@ pub(in crate::source) fn no_band(band: u32, bands: u32) -> Error {
 pub(super) mod tests {
     use super::*;
 
-    /// Tiles of uint32 without offsets.
+    /// A layout of uint32 tiles without offsets.
     pub(in crate::source::tiff) fn layout(
         width: u32,
         height: u32,
@@ -363,18 +362,18 @@ pub(super) mod tests {
 
     #[test]
     fn what_a_window_needs_lies_together_or_is_not_asked_for() {
-        // Tiles of 16 x 16 uint32 after one another; the file has none of the second.
+        // Consecutive tiles of 16 x 16 uint32; the second is missing.
         let mut tiles = layout(64, 40, 16, 16);
         (tiles.offsets, tiles.counts) = ((0..12).map(|i| 100 + 1024 * i).collect(), vec![1024; 12]);
         (tiles.offsets[1], tiles.counts[1]) = (0, 0);
         assert_eq!(tiles.span(&(0..64), &(0..16)), Some(100..100 + 4 * 1024));
         assert_eq!(tiles.span(&(0..64), &(15..33)), Some(100..100 + 12 * 1024));
         assert_eq!(tiles.span(&(20..40), &(16..20)), Some(100 + 5 * 1024..100 + 7 * 1024));
-        // One column of them: three times as much lies between.
+        // One column of tiles: the bytes between them are three times as many.
         assert_eq!(tiles.span(&(0..16), &(0..40)), None);
         assert_eq!(tiles.span(&(16..32), &(0..16)), None);
         assert_eq!((tiles.span(&(0..0), &(0..16)), tiles.span(&(0..16), &(16..16))), (None, None));
-        // Damaged offsets: what is far away, or has no end.
+        // Damaged offsets: one far away, one that overflows.
         tiles.offsets[2] = 1 << 50;
         assert_eq!(tiles.span(&(0..64), &(0..16)), None);
         (tiles.offsets[2], tiles.counts[2]) = (u64::MAX - 1, u64::MAX);

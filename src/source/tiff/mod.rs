@@ -1,11 +1,11 @@
-//! GeoTIFF, natively: strips and tiles, classic and big, either byte order, the compressions that
-//! DEMs come in.
+//! GeoTIFF, read natively: strips and tiles, classic and BigTIFF, either byte order, and the
+//! compressions common for DEMs.
 //!
-//! Band 1 of the first image is the elevation unless another is asked for. An internal mask (or a
-//! `.msk` file beside, as GDAL writes it) or an alpha band comes along; overviews and further bands
-//! are passed over. The file is read by position (see `file`), of a window only the blocks or bytes
-//! that it needs, and every number in the file is checked before it is used. Samples and what they
-//! mean are what GDAL reads, with what lies beside the file (see `account`).
+//! Band 1 of the first image holds the heights unless another is chosen. An internal mask, a `.msk`
+//! file beside (as GDAL writes it) or an alpha band gives validity; overviews and other bands are
+//! ignored. The file is read by position (see `file`); a window reads only the blocks or bytes that
+//! it needs, and every number in the file is checked before use. Samples and properties are those
+//! that GDAL gives, including sidecars (see `account`).
 
 mod blocks;
 mod decode;
@@ -38,25 +38,25 @@ use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
 
-/// Bit of `NewSubfileType`: a smaller version of another image.
+/// Bit of `NewSubfileType`: a reduced version of another image.
 const REDUCED: u64 = 1;
 /// Bit of `NewSubfileType`: a transparency mask.
 const MASK: u64 = 4;
 
-/// A GeoTIFF that windows can be read from.
+/// A GeoTIFF as a source.
 pub struct TiffSource {
     info: SourceInfo,
     heights: Band,
-    /// What blocks hold that a sparse file has not got.
+    /// Sample value of blocks that a sparse file lacks.
     fill: f64,
     mask: Option<Validity>,
-    /// Files that say what the raster is.
+    /// Sidecars that were read.
     beside: Vec<PathBuf>,
-    /// Memory of a window that has been taken back.
+    /// A window that was taken back, for reuse of its memory.
     spare: Mutex<Option<Window>>,
 }
 
-/// The band that says which samples are valid: those where it is not 0.
+/// A mask or alpha band: samples are valid where it is not 0.
 struct Validity {
     band: Band,
     kind: SampleType,
@@ -65,19 +65,19 @@ struct Validity {
 impl TiffSource {
     /// Opens a file, reads its directories and checks them.
     ///
-    /// A file that does not start like a TIFF is [`Error::Unsupported`], as is a TIFF that needs
-    /// what is missing here.
+    /// A file that does not begin as a TIFF is [`Error::Unsupported`], and so is a TIFF with a
+    /// feature that this reader lacks.
     pub fn open(path: &Path, limits: &Limits) -> Result<Self> {
         Self::open_band(path, None, limits)
     }
 
-    /// [`TiffSource::open`] of a band that is chosen, from 1.
+    /// Opens a file as [`TiffSource::open`] does, with the heights in `band`, from 1.
     pub fn open_band(path: &Path, band: Option<u32>, limits: &Limits) -> Result<Self> {
         Self::open_inner(path, band, limits).map_err(|error| error.at(path))
     }
 
     fn open_inner(path: &Path, chosen: Option<u32>, limits: &Limits) -> Result<Self> {
-        // Band 0 is as far out as the last one is.
+        // Band 0 wraps around and is refused like a band beyond the last.
         let band = chosen.unwrap_or(1).wrapping_sub(1);
         let file = Arc::new(TiffFile::open(path, limits)?);
         let mut reader = Reader::new(&file, limits)?;
@@ -104,8 +104,8 @@ impl TiffSource {
             let bands = layout.band_count - u32::from(alpha.is_some());
             info.warnings.extend(warn::odd_band(path, bands, kind, colours));
         }
-        // A value that the type does not hold is no nodata value beside an alpha band, as to GDAL,
-        // which takes that of the tag to float32 first, be it an infinite one.
+        // Next to an alpha band, a nodata value outside the sample type does not count. GDAL
+        // compares the value of the tag after rounding it to float32, also an infinite one.
         let is_float_tag = kind == SampleType::Float32 && matches!(info.origins.nodata, Some(Origin::Tag(_)));
         let nodata = info.nodata.filter(|_| is_float_tag || info.voids().is_of(kind));
         let mask = match (mask, alpha, nodata) {
@@ -181,7 +181,7 @@ impl Source for TiffSource {
     }
 }
 
-/// What an image that is no heights says of its samples.
+/// What the samples of an image are, if not heights.
 fn colours(reader: &mut Reader<'_>, image: &Directory, account: &Account) -> Result<Option<&'static str>> {
     match account.role(1) {
         Some(Role::Red | Role::Green | Role::Blue) => return Ok(Some("RGB")),
@@ -197,7 +197,7 @@ fn colours(reader: &mut Reader<'_>, image: &Directory, account: &Account) -> Res
 }
 
 impl Validity {
-    /// Writes over `out`: not 0 where a sample is valid.
+    /// Reads a window into `out`: non-zero where a sample is valid.
     fn window(&self, columns: &Range<u32>, rows: &Range<u32>, out: &mut Vec<u8>) -> Result<()> {
         if self.kind == SampleType::Uint8 {
             return self.band.window(columns, rows, 0, out);
@@ -205,13 +205,13 @@ impl Validity {
         let mut alpha = Samples::none(self.kind);
         samples(&self.band, 0.0, (columns, rows), &mut alpha)?;
         out.clear();
-        // NaN says nothing, least of all that a sample is valid.
+        // NaN as alpha does not make a sample valid.
         out.extend((0..alpha.len()).map(|index| u8::from(alpha.value(index).abs() > 0.0)));
         Ok(())
     }
 }
 
-/// Writes the samples of a window over `out`, which are of the band's type.
+/// Reads the samples of a window into `out`, which is of the band's type.
 fn samples(
     band: &Band,
     fill: f64,
@@ -231,7 +231,7 @@ fn samples(
     }
 }
 
-/// What the raster is, and all that is known of it.
+/// The properties of the raster.
 fn describe(
     reader: &mut Reader<'_>,
     image: &Directory,

@@ -1,4 +1,4 @@
-//! A window of a raster, taken apart by the blocks that it lies in.
+//! Divides a window of a raster by the blocks that it meets.
 
 use std::ops::Range;
 
@@ -7,25 +7,25 @@ use zerocopy::{FromBytes, Immutable, IntoBytes};
 use super::layout::Layout;
 use crate::error::{Error, Result};
 
-/// A number as it lies in memory; any bytes are one.
+/// A number as it lies in memory; any bit pattern is valid.
 pub(super) trait Number: Copy + PartialEq + Send + Sync + FromBytes + IntoBytes + Immutable {}
 
 impl<T: Copy + PartialEq + Send + Sync + FromBytes + IntoBytes + Immutable> Number for T {}
 
-/// What a window wants of one block.
+/// The part of a window that lies in one block.
 pub(super) struct Part<'a, T> {
-    /// Which block.
+    /// Index of the block.
     pub(super) block: usize,
     /// First wanted row of the block.
     pub(super) top: u32,
     /// First wanted column of the block.
     pub(super) left: u32,
-    /// Where the wanted samples go, row by row.
+    /// Destination rows of the wanted samples.
     pub(super) rows: Vec<&'a mut [T]>,
 }
 
 impl<T: Number> Part<'_, T> {
-    /// Copies from a block of one band, decoded.
+    /// Copies the samples from a decoded block of one band.
     pub(super) fn copy(&mut self, layout: &Layout, bytes: &[u8]) {
         let row_bytes = layout.block_width as usize * size_of::<T>();
         let from = self.top as usize * row_bytes + self.left as usize * size_of::<T>();
@@ -35,14 +35,14 @@ impl<T: Number> Part<'_, T> {
         }
     }
 
-    /// For a block that is not in the file.
+    /// Sets all samples to `value`, for a missing block.
     pub(super) fn fill(&mut self, value: T) {
         self.rows.iter_mut().for_each(|row| row.fill(value));
     }
 }
 
-/// Makes room for so many samples, which are to be written over. Fresh memory is zero already:
-/// nothing writes it twice.
+/// Resizes `samples` for a window whose samples will all be overwritten. New memory comes zeroed
+/// from the system, so it is not cleared twice.
 pub(super) fn room<T: Number>(samples: &mut Vec<T>, columns: &Range<u32>, rows: &Range<u32>) -> Result<()> {
     let count = columns.len().saturating_mul(rows.len());
     if count <= samples.capacity() {
@@ -57,8 +57,7 @@ pub(super) fn room<T: Number>(samples: &mut Vec<T>, columns: &Range<u32>, rows: 
     Ok(())
 }
 
-/// The parts of a window in the order of their blocks; `out` has the samples of the window, at
-/// least one.
+/// Divides a non-empty window, whose samples are `out`, by blocks, in block order.
 pub(super) fn split<'a, T>(
     layout: &Layout,
     columns: &Range<u32>,

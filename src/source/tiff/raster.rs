@@ -1,5 +1,4 @@
-//! A TIFF with all of its bands, block by block, as pictures are read: samples as they are, and
-//! what they mean.
+//! A TIFF with all its bands, read block by block for pictures: raw samples and their meaning.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -17,28 +16,28 @@ use crate::limits::Limits;
 use crate::sample::SampleType;
 use crate::source::account::Account;
 
-/// One image, or its mask.
+/// One image of a TIFF, or its mask.
 pub(in crate::source) struct Raster {
     band: Band,
 }
 
-/// What the samples of an image mean.
+/// The meaning of the samples of an image.
 pub(in crate::source) struct Meaning {
-    /// Tag 262.
+    /// Photometric interpretation (tag 262).
     pub(in crate::source) photometric: u64,
-    /// Tag 338: what each band after the colours is; 1 and 2 are alpha, with and without colours
-    /// multiplied by it.
+    /// Meaning of each band after the colours (tag 338); 1 and 2 are alpha, with and without
+    /// colours multiplied by it.
     pub(in crate::source) extra: Vec<u64>,
-    /// Tag 320: red, then green, then blue, of each index.
+    /// Palette (tag 320): all reds, then all greens, then all blues.
     pub(in crate::source) palette: Option<Vec<u64>>,
-    /// Where it lies, and what is said of its bands.
+    /// Georeference, and properties of the bands.
     pub(in crate::source) account: Account,
-    /// `GeoTIFF, tiles 256 x 256, JPEG, 3 bands`.
+    /// A description such as `GeoTIFF, tiles 256 x 256, JPEG, 3 bands`.
     pub(in crate::source) description: String,
 }
 
 impl Raster {
-    /// Opens a file: its first image, what it means, and its mask if there is one.
+    /// Opens a file: its first image, the meaning of its samples, and its mask if there is one.
     pub(in crate::source) fn open(path: &Path, limits: &Limits) -> Result<(Self, Meaning, Option<Self>)> {
         let file = Arc::new(TiffFile::open(path, limits)?);
         let mut reader = Reader::new(&file, limits)?;
@@ -82,23 +81,23 @@ impl Raster {
         self.band.layout.planes()
     }
 
-    /// Bands of the file.
+    /// Number of bands of the file.
     pub(in crate::source) fn band_count(&self) -> u32 {
         self.band.layout.band_count
     }
 
-    /// Bands of which samples stand beside each other in a block.
+    /// Number of bands interleaved in a block.
     pub(in crate::source) fn block_bands(&self) -> usize {
         // A mask keeps one band only.
         if self.band.layout.all_bands { self.band.layout.bands as usize } else { 1 }
     }
 
-    /// True if blocks are JPEG pictures.
+    /// True if the blocks are JPEG pictures.
     pub(in crate::source) fn is_jpeg(&self) -> bool {
         self.band.layout.compression == Compression::Jpeg
     }
 
-    /// Type of the samples; `None` for bits, which are decoded to bytes 0 and 1.
+    /// Sample type; `None` for bits, which are decoded to bytes 0 and 1.
     pub(in crate::source) fn stored(&self) -> Option<SampleType> {
         match self.band.layout.stored {
             Stored::Bit => None,
@@ -106,7 +105,7 @@ impl Raster {
         }
     }
 
-    /// True if a sparse file has no such block.
+    /// True if a sparse file lacks this block.
     pub(in crate::source) fn is_absent(&self, block: usize, plane: u32) -> bool {
         self.band.layout.counts[self.index(block, plane)] == 0
     }
@@ -116,8 +115,8 @@ impl Raster {
         plane as usize * layout.across as usize * layout.down as usize + block
     }
 
-    /// The samples of a block, which is there, in this machine's byte order, row by row, bands
-    /// beside each other unless they lie apart. Rows below the raster may be missing.
+    /// The samples of a block that the file has, in this machine's byte order, row by row, bands
+    /// interleaved unless stored separately. Rows below the raster may be missing.
     pub(in crate::source) fn decode(&self, block: usize, plane: u32) -> Result<Vec<u8>> {
         Band::with_buffers(|buffers| {
             self.band.decode(self.index(block, plane), buffers)?;
@@ -125,7 +124,7 @@ impl Raster {
         })
     }
 
-    /// Where the file is.
+    /// Path of the file.
     pub(in crate::source) fn path(&self) -> &Path {
         self.band.file.path()
     }

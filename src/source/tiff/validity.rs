@@ -1,8 +1,8 @@
-//! What says beside the samples which of them are valid, in GDAL's order: a mask in the file, a
-//! mask beside it, the nodata value, an alpha band. Only the first of them counts.
+//! Finds what marks valid samples besides their values, in GDAL's order: a mask in the file, a mask
+//! beside it, the nodata value, an alpha band. Only the first found counts.
 //!
-//! GDAL looks at alpha of bytes and of 16 bits only, and in files of two or four bands; here an
-//! alpha band is one in any file, as it is to `gdalwarp`.
+//! GDAL looks only at 8-bit and 16-bit alpha, and only in files of two or four bands; here, as in
+//! `gdalwarp`, an alpha band counts in any file.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,10 +20,10 @@ use crate::limits::Limits;
 use crate::sample::SampleType;
 use crate::source::account::{Account, Role};
 
-/// GDAL's flag of a mask that is that of all bands.
+/// GDAL's flag of a mask that is shared by all bands.
 const PER_DATASET: u64 = 2;
 
-/// The first mask of full size among the directories: of a band, from 0.
+/// The first full-size mask among the directories, for a band from 0.
 pub(super) fn internal_mask(
     reader: &mut Reader<'_>,
     directories: &[Directory],
@@ -35,7 +35,7 @@ pub(super) fn internal_mask(
         if kind & MASK == 0 || kind & REDUCED != 0 {
             continue;
         }
-        // One band is that of all, as in GDAL.
+        // As in GDAL, a mask of one band is that of all bands.
         let bands = reader.integer(directory, Tag::SamplesPerPixel)?.unwrap_or(1);
         let own = if bands == 1 { 0 } else { band };
         let mask = Layout::read(reader, directory, limits, Purpose::Band(own))?;
@@ -56,8 +56,8 @@ fn check_mask(mask: Layout) -> Result<Layout> {
     }
 }
 
-/// `dem.tif.msk`, where GDAL puts a mask unless told to put it inside; `None` if there is none, or
-/// none of this band, from 0.
+/// The mask file `dem.tif.msk`, where GDAL writes masks by default; `None` if there is none, or
+/// none for this band, from 0.
 pub(super) fn external_mask(
     path: &Path,
     (of, band): (&Layout, u32),
@@ -87,8 +87,8 @@ pub(super) fn external_mask(
     read().map_err(|error: Error| error.at(&beside))
 }
 
-/// What the GDAL metadata of a mask beside a file say of a band, from 0; `None` if they say
-/// nothing: then it is no mask of that band to GDAL.
+/// The mask flags of a band, from 0, in the GDAL metadata of a mask file; `None` if there are none,
+/// in which case GDAL does not use the mask for that band.
 fn mask_flags(xml: &str, band: u32) -> Option<u64> {
     let document = Document::parse(xml).ok()?;
     let name = format!("INTERNAL_MASK_FLAGS_{}", band + 1);
@@ -101,8 +101,8 @@ fn mask_flags(xml: &str, band: u32) -> Option<u64> {
     Some(text.parse().unwrap_or(0))
 }
 
-/// The last band, if it is an alpha band and not the band itself; an alpha band before others says
-/// nothing of them, as to GDAL: some writers mark the second of four bands.
+/// The last band, if it is an alpha band and not the band of heights. As in GDAL, an alpha band
+/// before others is ignored: some writers mark the second of four bands.
 pub(super) fn alpha(
     (reader, image): (&mut Reader<'_>, &Directory),
     (of, band): (&Layout, u32),

@@ -1,20 +1,20 @@
-//! The elements and attributes of a VRT that are understood: what is not listed here is refused by
-//! its name.
+//! The elements and attributes of a VRT that are understood; any other is refused by name.
 //!
-//! GDAL passes over elements that it does not know, but it knows more than are read here, and a
-//! newer one knows more still: each may say that samples are void, scaled or resampled. Listed are
-//! those that are read (see `xml`), and those that change no sample of band 1 and no place.
+//! GDAL ignores elements that it does not know, but it knows more than are read here, and newer
+//! versions know even more: each may make samples void, scaled or resampled. Listed are the
+//! elements that are read (see `xml`), and those that change neither samples of band 1 nor their
+//! place.
 
 use roxmltree::Node;
 
 use super::xml::unsupported;
 use crate::error::Result;
 
-/// Elements of a `VRTDataset`: control points are no place of a grid, overviews and blocks are for
+/// Elements of a `VRTDataset`; control points give no grid, overviews and block sizes only affect
 /// speed.
 const DATASET: [&str; 8] =
     ["SRS", "GeoTransform", "Metadata", "GCPList", "OverviewList", "BlockXSize", "BlockYSize", "MaskBand"];
-/// Elements of a band: names, colours and statistics, for people.
+/// Elements of a band; names, colours and statistics are for people.
 const BAND: [&str; 13] = [
     "NoDataValue",
     "HideNoDataValue",
@@ -30,12 +30,12 @@ const BAND: [&str; 13] = [
     "Overview",
     "PixelFunctionType",
 ];
-/// Elements of a source: its properties are only for opening it late.
+/// Elements of a source; its properties only allow opening it late.
 const SOURCE: [&str; 5] = ["SourceFilename", "SourceBand", "SourceProperties", "SrcRect", "DstRect"];
-/// Elements of a complex source that are read besides; those of a simple one GDAL passes over.
+/// More elements of a complex source; GDAL ignores them in a simple one.
 const COMPLEX: [&str; 4] = ["NODATA", "ScaleOffset", "ScaleRatio", "UseMaskBand"];
 
-/// Looks at the dataset itself, not at its bands.
+/// Checks the dataset element, but not its bands.
 pub(super) fn dataset(root: Node) -> Result<()> {
     attributes(root, &["rasterXSize", "rasterYSize", "subClass"])?;
     elements(root, |name| name == "VRTRasterBand" || DATASET.contains(&name))?;
@@ -47,13 +47,13 @@ pub(super) fn dataset(root: Node) -> Result<()> {
     Ok(())
 }
 
-/// Looks at a band, not at its sources.
+/// Checks a band, but not its sources.
 pub(super) fn band(band: Node) -> Result<()> {
     attributes(band, &["dataType", "band", "subClass", "blockXSize", "blockYSize"])?;
     elements(band, |name| BAND.contains(&name) || name.to_ascii_lowercase().ends_with("source"))
 }
 
-/// Looks at a source and all that is in it.
+/// Checks a source and its elements.
 pub(super) fn source(node: Node) -> Result<()> {
     attributes(node, &["name", "resampling"])?;
     let is_complex = node.has_tag_name("ComplexSource");

@@ -1,16 +1,15 @@
-//! GDAL's virtual rasters, natively: files side by side or on top of one another, sample for
-//! sample.
+//! GDAL's virtual rasters, read natively: files side by side or overlapping, sample for sample.
 //!
-//! Read is a band with simple and complex sources that are not resampled, their nodata, ratio and
-//! offset, and VRTs within VRTs. Whatever else a VRT can be is [`Error::Unsupported`], and left to
-//! GDAL where it is built in: an element or attribute that is not known is refused by its name.
-//! What lies on a network is refused even then, see `remote`.
+//! Supported are bands with simple and complex sources without resampling, their nodata, ratio and
+//! offset, and VRTs within VRTs. Anything else is [`Error::Unsupported`], and left to GDAL if it is
+//! built in: an unknown element or attribute is refused by name. Files on a network are refused
+//! even with GDAL, see `remote`.
 //!
-//! Samples are GDAL's wherever GDAL has a valid one, but for places that no source has, which are
-//! void here and 0 to GDAL if the band has no nodata value. What is void is what the VRT says:
-//! `NODATA` of a complex source and `NoDataValue` of the band, not the nodata value that a file has
-//! for itself; what a file masks out is void as well. A void never hides a valid sample of an
-//! earlier source, as it does in GDAL where it comes from a simple source.
+//! Samples equal GDAL's wherever GDAL has a valid one, except where no source lies: void here, but
+//! 0 in GDAL if the band has no nodata value. The VRT decides what is void: `NODATA` of a complex
+//! source and `NoDataValue` of the band, not the nodata value of a file itself; samples masked out
+//! in a file are void as well. A void never hides a valid sample of an earlier source, while in
+//! GDAL it does if it comes from a simple source.
 
 mod known;
 mod remote;
@@ -32,12 +31,12 @@ use crate::geo::Geo;
 use crate::limits::Limits;
 use crate::sample::SampleType;
 
-/// VRTs within VRTs, at most.
+/// Deepest nesting of VRTs.
 const DEPTH: u32 = 8;
-/// How much of a pixel a source may be off whole ones: what is left of sums of world coordinates.
+/// Largest distance, in pixels, of a source from whole pixels: rounding of world coordinates.
 const WHOLE: f64 = 0.01;
 
-/// Opens a VRT; `nodata` is what means void in every file, instead of what the VRT says.
+/// Opens a VRT; `nodata` replaces the nodata value of every file that the VRT gives.
 pub(super) fn open(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Mosaic> {
     open_inner(path, nodata, nest).map_err(|error| error.at(path))
 }
@@ -53,10 +52,10 @@ fn open_inner(path: &Path, nodata: Option<f64>, nest: &Nest) -> Result<Mosaic> {
     let inner = Nest { depth: nest.depth + 1, ..*nest };
     for mut source in sources {
         nest.count()?;
-        // A VRT has chosen the bands of its files.
+        // The VRT chooses the band of each file.
         let inner = Nest { band: Some(source.band), ..inner };
         let piece = super::open::piece(&source.path, nodata, &inner)?;
-        // Where there is a mask it alone counts; to a file without one its nodata value is the
+        // Only the mask counts if there is one; for a file without a mask its nodata value is the
         // mask.
         let own = if vrt.masked { piece.info.nodata } else { source.nodata };
         source.nodata = nodata.or(own);
@@ -97,7 +96,7 @@ fn too_deep() -> Error {
     Error::format("VRT", format!("at most {DEPTH} within one another"), got)
 }
 
-/// All of a file that is not too long.
+/// The content of a file that is not too long.
 fn text(path: &Path, limits: &Limits) -> Result<String> {
     let mut bytes = Vec::new();
     let from = gzip::stream(path)?.0;
@@ -109,7 +108,7 @@ fn text(path: &Path, limits: &Limits) -> Result<String> {
     String::from_utf8(bytes).map_err(|error| Error::format("XML", "UTF-8", error))
 }
 
-/// What the VRT is; of its sources what it does not say itself.
+/// The properties of a VRT; those that it does not give come from its sources.
 fn describe(path: &Path, vrt: &Vrt, pieces: &[(Piece, VrtSource)]) -> Result<SourceInfo> {
     let infos = || pieces.iter().map(|(piece, _)| &piece.info);
     let mut seen = BTreeSet::new();
@@ -125,7 +124,7 @@ fn describe(path: &Path, vrt: &Vrt, pieces: &[(Piece, VrtSource)]) -> Result<Sou
     let vertical_unit = match &vrt.unit {
         Some(unit) if !unit.is_empty() => {
             let said = metadata::vertical_unit(Some(unit), None);
-            // The same unit is named as the files name it.
+            // If the unit is the same, its name in the files is used.
             let own = mosaic::vertical_unit(infos());
             if own.0 == said.0 && !own.1.is_empty() { own } else { said }
         }
@@ -171,7 +170,7 @@ fn describe(path: &Path, vrt: &Vrt, pieces: &[(Piece, VrtSource)]) -> Result<Sou
     })
 }
 
-/// Where what is known of the VRT was found: in it, or by its sources.
+/// Origins of the properties: the VRT or its sources.
 fn origins(vrt: &Vrt, pieces: &[(Piece, VrtSource)], path: &Path) -> Origins {
     let scaled = pieces.iter().any(|(_, source)| source.scaled.is_some());
     let of_sources = Origins::joined(pieces.iter().map(|(piece, _)| &piece.info.origins));
@@ -191,7 +190,7 @@ fn origins(vrt: &Vrt, pieces: &[(Piece, VrtSource)], path: &Path) -> Origins {
     }
 }
 
-/// GDAL scale and offset of all sources, of which the VRT says nothing.
+/// The common GDAL scale and offset of all sources, which the VRT does not give.
 fn common_scale(pieces: &[(Piece, VrtSource)]) -> Result<(f64, f64)> {
     let scale = |piece: &Piece| (piece.info.band_scale, piece.info.band_offset);
     let (first, _) = &pieces[0];
@@ -208,11 +207,11 @@ fn common_scale(pieces: &[(Piece, VrtSource)]) -> Result<(f64, f64)> {
     }
 }
 
-/// A source in its place; `None` if it has nothing in the VRT.
+/// A source as a member at its place; `None` if no part of it lies in the VRT.
 fn member(piece: Piece, source: &VrtSource, vrt: &Vrt) -> Result<Option<Member>> {
     let info = &piece.info;
     let (kind, band) = (info.sample_type, vrt.sample_type);
-    // GDAL computes in float32 unless the band holds more.
+    // GDAL computes in float32 unless the band type needs more.
     let single = !matches!(band, SampleType::Int32 | SampleType::Uint32 | SampleType::Float64);
     let computed = if single { SampleType::Float32 } else { SampleType::Float64 };
     let into = if source.scaled.is_some() { computed } else { band };
@@ -224,15 +223,15 @@ fn member(piece: Piece, source: &VrtSource, vrt: &Vrt) -> Result<Option<Member>>
     let Some((rect, origin)) = place(source, (info.width, info.height), (vrt.width, vrt.height))? else {
         return Ok(None);
     };
-    // Of a source GDAL compares whole numbers as they are: nothing equals -9999.5.
+    // GDAL compares integers of a source unrounded: none equals -9999.5.
     let told = source.nodata.filter(|value| kind.is_float() || value.fract() == 0.0);
     let nodata = told.map(|value| metadata::rounded(value, kind));
     let scaled = source.scaled.map(|(ratio, offset)| Scaled { ratio, offset, single });
     Ok(Some(mosaic::member(piece, rect, origin, nodata, scaled)))
 }
 
-/// Where a source lies, and which of its columns and rows come first: its two rectangles, cut to
-/// what there is.
+/// The rectangle of a source in the VRT, and its first column and row: both rectangles of the
+/// source, cut to the rasters.
 fn place(source: &VrtSource, own: (u32, u32), all: (u32, u32)) -> Result<Option<(Rect, (u32, u32))>> {
     let whole = |size: (u32, u32)| [0.0, 0.0, f64::from(size.0), f64::from(size.1)];
     let [x0, y0, width, height] = integers(source.from.unwrap_or(whole(own)))?;
@@ -256,7 +255,7 @@ fn cut(from: i64, to: i64, count: i64, own: u32, all: u32) -> Option<(u32, std::
     (count > 0).then(|| (from as u32, to as u32..(to + count) as u32))
 }
 
-/// A rectangle of whole samples.
+/// A rectangle in whole samples.
 fn integers(rect: [f64; 4]) -> Result<[i64; 4]> {
     let far = f64::from(u32::MAX);
     if rect.iter().any(|side| (side - side.round()).abs() > WHOLE || side.abs() > far) {

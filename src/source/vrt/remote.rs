@@ -1,6 +1,5 @@
-//! Does a VRT stay on this machine? One that names what is fetched from a network is refused, also
-//! where GDAL would fetch it: who opens a file does not ask for a connection to a place that
-//! somebody else has chosen.
+//! Refuses VRTs that name files on a network, also where GDAL would fetch them: opening a file must
+//! not connect to a place that someone else has chosen.
 
 use std::path::Path;
 
@@ -11,12 +10,12 @@ use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::source::markup;
 
-/// GDAL's file systems on networks, in their names anywhere: they may stand behind others,
+/// GDAL's network file systems, anywhere in a name: they may be chained, as in
 /// `/vsizip//vsicurl/…`.
 const SYSTEMS: [&str; 9] =
     ["/vsicurl", "/vsis3", "/vsigs", "/vsiaz", "/vsiadls", "/vsioss", "/vsiswift", "/vsihdfs", "/vsiwebhdfs"];
 
-/// What names of rasters begin with that GDAL gets from servers.
+/// Prefixes of names of rasters that GDAL gets from servers.
 const DRIVERS: [&str; 14] = [
     "wms:",
     "wcs:",
@@ -34,7 +33,7 @@ const DRIVERS: [&str; 14] = [
     "dods",
 ];
 
-/// True if a name of a raster stands for something on a network, or hides what it stands for.
+/// True if the name of a raster refers to a network, or hides what it refers to.
 pub(super) fn is_remote(name: &str) -> bool {
     let name = name.trim().to_ascii_lowercase();
     name.starts_with('<')
@@ -43,7 +42,7 @@ pub(super) fn is_remote(name: &str) -> bool {
         || DRIVERS.iter().any(|driver| name.starts_with(driver))
 }
 
-/// The refusal of such a name.
+/// The error for such a name.
 pub(super) fn refusal(vrt: &Path, name: &str) -> Error {
     Error::usage(format!(
         "{}: it names {}, which is not a file of this machine; fetch that and name the file, or, where GDAL is built \
@@ -91,11 +90,11 @@ fn walk(path: &Path, depth: u32, files: &mut u64, limits: &Limits) -> Result<()>
     Ok(())
 }
 
-/// Looks into a file that a VRT names, from the folder of the VRT and from the current one.
+/// Checks a file that a VRT names, relative to the folder of the VRT and to the current folder.
 fn inner(vrt: &Path, name: &str, depth: u32, files: &mut u64, limits: &Limits) -> Result<()> {
     let beside = vrt.parent().unwrap_or(Path::new("")).join(name);
     for path in [beside.as_path(), Path::new(name)] {
-        // What cannot be opened is told by whoever reads it.
+        // A file that cannot be opened is reported when it is read.
         let Ok(start) = super::super::open::start(path) else { continue };
         if super::is_vrt(&start) {
             walk(path, depth + 1, files, limits)?;

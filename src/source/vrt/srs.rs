@@ -1,13 +1,11 @@
-//! The coordinate system of a VRT: what it says, in the words of its sources where both say the
-//! same.
+//! The coordinate system of a VRT, described as its sources do if both are the same.
 
 use crate::crs;
 use crate::error::Result;
 use crate::geo::Crs;
 
-/// The coordinate system of a VRT whose sources have `of_sources`: theirs, which says more of
-/// itself than WKT has words for, if the VRT says nothing or defines the same; else its own,
-/// whatever both are called.
+/// The coordinate system of a VRT whose sources have `of_sources`: theirs, which has more detail
+/// than WKT, if the VRT gives none or the same one; else its own, whatever their names.
 pub(super) fn resolve(text: Option<&str>, of_sources: &Crs) -> Result<Crs> {
     let Some(text) = text.filter(|text| !text.trim().is_empty()) else { return Ok(of_sources.clone()) };
     let said = crs::read(text)?;

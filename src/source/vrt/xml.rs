@@ -1,5 +1,4 @@
-//! The XML of a `.vrt` to what it says, every number checked for its form; what it means is
-//! `vrt`'s.
+//! Parses the XML of a `.vrt` and checks the form of every number; `vrt` interprets it.
 
 use std::path::{Path, PathBuf};
 
@@ -22,13 +21,13 @@ pub(super) struct Vrt {
     pub(super) transform: Option<[f64; 6]>,
     pub(super) pixel_is_point: Option<bool>,
     pub(super) sample_type: SampleType,
-    /// How many bands there are besides alpha.
+    /// Number of bands other than alpha.
     pub(super) bands: u32,
-    /// True if somebody has chosen the band.
+    /// True if the user or an outer VRT chose the band.
     pub(super) chosen: bool,
-    /// True if what is valid is what the masks of the sources say.
+    /// True if the masks of the sources give validity.
     pub(super) masked: bool,
-    /// What the band is if it is a colour.
+    /// The colour of the band, if it is one.
     pub(super) colours: Option<&'static str>,
     pub(super) nodata: Option<f64>,
     pub(super) unit: Option<String>,
@@ -37,27 +36,27 @@ pub(super) struct Vrt {
     pub(super) sources: Vec<VrtSource>,
 }
 
-/// A file of the band.
+/// A file in the band.
 #[derive(Debug, PartialEq)]
 pub(super) struct VrtSource {
     pub(super) path: PathBuf,
-    /// Column, row, width and height in the file; all of it if absent.
+    /// Column, row, width and height in the file; `None`: all of it.
     pub(super) from: Option<[f64; 4]>,
-    /// Where that goes in the VRT; everywhere if absent.
+    /// The destination in the VRT; `None`: all of it.
     pub(super) to: Option<[f64; 4]>,
     pub(super) nodata: Option<f64>,
-    /// Its band, from 1.
+    /// Band of the file, from 1.
     pub(super) band: u32,
     /// Factor and summand.
     pub(super) scaled: Option<(f64, f64)>,
 }
 
-/// Something that only GDAL reads.
+/// The error for a feature that only GDAL reads.
 pub(super) fn unsupported(what: impl Into<String>) -> Error {
     Error::unsupported(what, NEEDS_GDAL)
 }
 
-/// Reads the text of the VRT at a path.
+/// Parses the text of the VRT at `path`.
 pub(super) fn read(text: &str, path: &Path, band: Option<u32>, limits: &Limits) -> Result<Vrt> {
     let document = markup::parse(text)?;
     let root = document.root_element();
@@ -69,7 +68,7 @@ pub(super) fn read(text: &str, path: &Path, band: Option<u32>, limits: &Limits) 
     }
     known::dataset(root)?;
     let bands = || root.children().filter(|node| node.has_tag_name("VRTRasterBand"));
-    // Bands count as they stand, as in GDAL.
+    // Bands are numbered by their order, as in GDAL.
     let count = bands().count() as u32;
     let at = band.unwrap_or(1).wrapping_sub(1);
     let chosen = band.is_some();
@@ -115,8 +114,8 @@ pub(super) fn read(text: &str, path: &Path, band: Option<u32>, limits: &Limits) 
     })
 }
 
-/// True if a mask is made of the masks of the sources of a band, in their places, as
-/// `gdal_translate` writes it.
+/// True if a mask consists of the masks of a band's sources, at their places, as `gdal_translate`
+/// writes it.
 fn is_mask_of(mask: Node, band: Node) -> bool {
     fn sources<'a, 'i>(band: Node<'a, 'i>) -> impl Iterator<Item = Node<'a, 'i>> {
         band.children().filter(|node| node.tag_name().name().ends_with("Source"))
@@ -139,7 +138,7 @@ fn is_mask_of(mask: Node, band: Node) -> bool {
         && sources(mask).zip(sources(band)).all(same)
 }
 
-/// Refuses what makes a band more than its sources.
+/// Refuses features that give a band more than its sources.
 fn check_band(band: Node) -> Result<()> {
     if let Some(class) = band.attribute("subClass") {
         return Err(unsupported(format!("a VRT band of the class {class}")));
@@ -157,8 +156,8 @@ fn check_band(band: Node) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a VRT whose last band says where the first one is void, as GDAL takes it: an alpha band
-/// behind one or three others, unless the first one has a nodata value.
+/// Refuses a VRT whose last band gives validity of the first in GDAL: an alpha band behind one or
+/// three others, unless the first one has a nodata value.
 fn check_alpha(bands: Vec<Node>, first: Node) -> Result<()> {
     let is_alpha =
         |band: &Node| child(*band, "ColorInterp").is_some_and(|node| text_of(node).trim() == "Alpha");
@@ -260,7 +259,7 @@ fn number(node: Node, name: &str) -> Result<Option<f64>> {
     numbers::<1>(node, std::iter::once(text_of(node))).map(|[number]| Some(number))
 }
 
-/// A value that may be NaN.
+/// A number that may be NaN.
 fn nodata(node: Node, name: &str) -> Result<Option<f64>> {
     let Some(node) = child(node, name) else { return Ok(None) };
     let text = text_of(node);
@@ -268,7 +267,7 @@ fn nodata(node: Node, name: &str) -> Result<Option<f64>> {
     number.map(Some).ok_or_else(|| Error::format(place(node), "a number", quoted(text)))
 }
 
-/// So many finite numbers.
+/// `N` finite numbers.
 fn numbers<'t, const N: usize>(node: Node, mut texts: impl Iterator<Item = &'t str>) -> Result<[f64; N]> {
     let mut all = [0.0; N];
     for number in &mut all {
@@ -289,7 +288,7 @@ fn place(node: Node) -> String {
     format!("{} in line {line}", node.tag_name().name())
 }
 
-/// A text out of a file, cut short.
+/// A text from a file, shortened.
 fn quoted(text: &str) -> String {
     format!("{:?}", text.chars().take(40).collect::<String>())
 }

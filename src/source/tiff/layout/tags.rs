@@ -1,4 +1,4 @@
-//! What single tags of a directory say, held against what this reader can do.
+//! Single tags of a directory, checked against the features of this reader.
 
 use tiff::tags::Tag;
 
@@ -8,10 +8,10 @@ use crate::limits::Limits;
 use crate::sample::SampleType;
 use crate::source::tiff::directory::{Directory, Reader, place};
 
-/// What to do with samples of 64-bit integers.
+/// Advice for samples of 64-bit integers.
 const NO_LONGS: &str = "convert them with gdal_translate -ot Int32 (heights that fit 32 bits) or -ot Float64";
 
-/// What to do with complex samples.
+/// Advice for complex samples.
 const NO_COMPLEX: &str = "take their real parts with gdal_translate -ot Float64";
 
 pub(super) fn unsupported(what: impl Into<String>) -> Error {
@@ -71,7 +71,8 @@ pub(super) fn compression(
     Err(unsupported(format!("{name} compression")))
 }
 
-/// Tables that all blocks share, and whether the blocks are YCbCr: anything else is taken as it is.
+/// Tables that all JPEG blocks share, and whether the blocks are YCbCr: any other colour space is
+/// left unconverted.
 pub(super) fn jpeg(reader: &mut Reader<'_>, directory: &Directory) -> Result<(Vec<u8>, bool)> {
     let tables = reader.integers(directory, Tag::JPEGTables)?.unwrap_or_default();
     let tables = tables.into_iter().map(|byte| byte as u8).collect();
@@ -90,13 +91,13 @@ pub(super) fn stored(reader: &mut Reader<'_>, directory: &Directory) -> Result<S
         (8, 2) => SampleType::Int8,
         (16, 2) => SampleType::Int16,
         (32, 2) => SampleType::Int32,
-        // Format 4 is "undefined"; GDAL takes it for unsigned too.
+        // Format 4 is "undefined", which GDAL also reads as unsigned.
         (8, 1 | 4) => SampleType::Uint8,
         (16, 1 | 4) => SampleType::Uint16,
         (32, 1 | 4) => SampleType::Uint32,
         (32, 3) => SampleType::Float32,
         (64, 3) => SampleType::Float64,
-        // No build reads these: GDAL has heights of them, the tiles of a container do not.
+        // GDAL reads these as heights, but the tiles of a container cannot hold them.
         (64, 2) => return Err(Error::unsupported("64-bit signed samples", NO_LONGS)),
         (64, 1 | 4) => return Err(Error::unsupported("64-bit unsigned samples", NO_LONGS)),
         (bits, 5 | 6) => return Err(Error::unsupported(format!("{bits}-bit complex samples"), NO_COMPLEX)),
@@ -108,7 +109,7 @@ pub(super) fn stored(reader: &mut Reader<'_>, directory: &Directory) -> Result<S
     Ok(Stored::Number(kind))
 }
 
-/// The predictor, where the compression knows one at all.
+/// The predictor, if the compression supports one.
 pub(super) fn predictor(
     reader: &mut Reader<'_>,
     directory: &Directory,
