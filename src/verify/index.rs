@@ -36,13 +36,13 @@ pub(super) fn pages(reader: &Reader, options: &VerifyOptions) -> Result<Check> {
     let (Some(root), Some(pages)) = (section(ROOT_PAGE), section(PAGES)) else { return Ok(check) };
     let length = u32::try_from(root.length).unwrap_or(u32::MAX);
     let first = PageRef { offset: 0, length, crc: root.crc };
-    let mut walk = Walk::new(reader, pages)?;
+    let mut checker = PageChecker::new(reader, pages)?;
     check.looked_at += 1;
-    let page = walk.read(reader.header(), TileId::ROOT, root.offset, first);
+    let page = checker.read(reader.header(), TileId::ROOT, root.offset, first);
     if let Some(page) = check.take::<Page>(page, Place::tile(TileId::ROOT).part("index page"))? {
-        walk.below(reader.header(), &page, &mut check)?;
+        checker.below(reader.header(), &page, &mut check)?;
     }
-    walk.check_cover("pages section", &mut check);
+    checker.check_cover("pages section", &mut check);
     Ok(check)
 }
 
@@ -52,14 +52,14 @@ pub(super) fn imagery_pages(reader: &Reader, layer: &ImageryLayer, options: &Ver
     let mut check = Check::new("imagery pages", "pages", options.keep);
     let pages = reader.sections().iter().find(|section| section.kind == IMAGERY_PAGES);
     let Some(&pages) = pages else { return Ok(check) };
-    let mut walk = Walk::new(reader, pages)?;
+    let mut checker = PageChecker::new(reader, pages)?;
     check.looked_at += 1;
-    walk.below(layer.header(), layer.root_page(), &mut check)?;
-    walk.check_cover("imagery pages section", &mut check);
+    checker.below(layer.header(), layer.root_page(), &mut check)?;
+    checker.check_cover("imagery pages section", &mut check);
     Ok(check)
 }
 
-struct Walk<'a> {
+struct PageChecker<'a> {
     reader: &'a Reader,
     file: File,
     pages: SectionEntry,
@@ -67,7 +67,7 @@ struct Walk<'a> {
     places: Vec<(u64, u64, TileId)>,
 }
 
-impl<'a> Walk<'a> {
+impl<'a> PageChecker<'a> {
     fn new(reader: &'a Reader, pages: SectionEntry) -> Result<Self> {
         let file = File::open(reader.path()).map_err(|source| Error::io(reader.path(), "open", source))?;
         Ok(Self { reader, file, pages, places: Vec::new() })

@@ -30,7 +30,7 @@ pub(super) fn check(
         samples.note = "not compared, for the sizes differ".into();
         return Ok(vec![about, samples]);
     }
-    let rule = Rule::of(header, info.sample_type);
+    let tolerance = Tolerance::of(header, info.sample_type);
     let footprint = info.footprint.as_deref();
     let mut row = 0;
     while row < header.height {
@@ -42,7 +42,7 @@ pub(super) fn check(
         let (parts, cut) = pieces(to_compare(header, &tiles, footprint, &(row..south)), shape.columns);
         for columns in parts {
             let band = Band::decode(reader, &columns, (row..south, y), &tiles, &mut samples)?;
-            band.compare(source, &rule, &mut samples)?;
+            band.compare(source, &tolerance, &mut samples)?;
             if cut {
                 // A sweep would keep blocks of each part for the next band, which exceeds the
                 // memory limit.
@@ -131,14 +131,14 @@ fn check_about(reader: &Reader, source: &dyn Source, keep: usize) -> Check {
 }
 
 /// How much a decoded value may differ from the source's.
-struct Rule {
+struct Tolerance {
     kind: SampleType,
     nodata: Option<f64>,
     /// Largest difference in value units; 0 means bit for bit.
     error: f64,
 }
 
-impl Rule {
+impl Tolerance {
     fn of(header: &Header, kind: SampleType) -> Self {
         Self { kind, nodata: header.nodata, error: header.quantisation_error }
     }
@@ -247,7 +247,7 @@ impl Band {
         }
     }
 
-    fn compare(&self, source: &dyn Source, rule: &Rule, check: &mut Check) -> Result<()> {
+    fn compare(&self, source: &dyn Source, tolerance: &Tolerance, check: &mut Check) -> Result<()> {
         let columns = self.west..self.west + self.width as u32;
         let window = source.read_window(columns, self.north..self.south)?;
         check.looked_at += self.value.len() as u64;
@@ -255,11 +255,11 @@ impl Band {
             let value = window.samples.value(at);
             let masked =
                 window.mask.as_ref().is_some_and(|mask| mask.get(at).is_none_or(|&valid| valid == 0));
-            let void = masked || !value.is_finite() || rule.is_nodata(value);
+            let void = masked || !value.is_finite() || tolerance.is_nodata(value);
             let original = (!void).then_some(value);
             let good = match (decoded, original) {
                 (None, None) => true,
-                (Some(decoded), Some(original)) => rule.agrees(decoded, original),
+                (Some(decoded), Some(original)) => tolerance.agrees(decoded, original),
                 _ => false,
             };
             if !good {

@@ -22,11 +22,11 @@ const SLACK_M: f64 = 1e-6;
 
 /// Counts by level.
 pub(super) struct Recount {
-    levels: Vec<Level>,
+    levels: Vec<LevelCounts>,
 }
 
 #[derive(Default)]
-struct Level {
+struct LevelCounts {
     tiles: u64,
     patches: u64,
     valid: u64,
@@ -43,7 +43,7 @@ impl Recount {
     /// Empty counts for a file.
     pub fn new(header: &Header) -> Self {
         let steps = header.steps() as usize;
-        let level = || Level { codes: vec![<_>::default(); steps], ..Level::default() };
+        let level = || LevelCounts { codes: vec![<_>::default(); steps], ..LevelCounts::default() };
         Self { levels: (0..=header.levels).map(|_| level()).collect() }
     }
 
@@ -147,7 +147,7 @@ impl Recount {
     }
 }
 
-impl Level {
+impl LevelCounts {
     fn compare_steps(&self, stored: &LevelStatistics, place: &str, check: &mut Check) {
         for ((counts, stored), step) in self.codes.iter().zip(&stored.steps).zip(0..) {
             let place = format!("{place}, step {step}");

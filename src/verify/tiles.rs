@@ -66,23 +66,23 @@ pub(super) fn check(
     options: &VerifyOptions,
     progress: &dyn Progress,
 ) -> Result<(Tables, Vec<Check>)> {
-    let mut walk = Walk::new(reader, options);
+    let mut checker = TileChecker::new(reader, options);
     let total = reader.header().tile_count;
     let walked = reader.walk(&mut |entry| {
-        walk.batch.push(*entry);
-        if walk.batch.len() == BATCH {
-            walk.work_off()?;
-            progress.step(Stage::Tiles, walk.done, total)?;
+        checker.batch.push(*entry);
+        if checker.batch.len() == BATCH {
+            checker.work_off()?;
+            progress.step(Stage::Tiles, checker.done, total)?;
         }
         Ok(())
     });
-    walk.work_off()?;
-    progress.step(Stage::Tiles, walk.done, total)?;
-    let counted = walk.index.take(walked, Place::of("index"))?.is_some();
-    walk.finish(counted)
+    checker.work_off()?;
+    progress.step(Stage::Tiles, checker.done, total)?;
+    let counted = checker.index.take(walked, Place::of("index"))?.is_some();
+    checker.finish(counted)
 }
 
-struct Walk<'a> {
+struct TileChecker<'a> {
     reader: &'a Reader,
     keep_tables: bool,
     batch: Vec<TileEntry>,
@@ -101,7 +101,7 @@ struct Walk<'a> {
     keep: usize,
 }
 
-impl<'a> Walk<'a> {
+impl<'a> TileChecker<'a> {
     fn new(reader: &'a Reader, options: &VerifyOptions) -> Self {
         let keep = options.keep;
         Self {

@@ -8,15 +8,15 @@ use crate::sample::{Lattice, SampleType, VALID};
 
 /// Checks that valid samples of a tile are finite, within the source's type, and not void in it.
 pub(super) fn check(header: &Header, entry: &TileEntry, lattice: &Lattice, check: &mut Check) {
-    let rule = Rule::of(header);
-    if !rule.is_needed(header, lattice) {
+    let source = SourceValues::of(header);
+    if !source.is_needed(header, lattice) {
         return;
     }
     let spacing = u64::from(header.spacing(entry.id.level));
     let (left, top) = header.origin(entry.id);
     for (at, _) in lattice.state.iter().enumerate().filter(|(_, state)| **state == VALID) {
         let value = lattice.value(at, header.coding);
-        if let Some(expected) = rule.broken(header, value) {
+        if let Some(expected) = source.broken(header, value) {
             let (x, y) = ((at % (lattice.n + 1)) as u64, (at / (lattice.n + 1)) as u64);
             let place = Place::tile(entry.id).sample(left + x * spacing, top + y * spacing);
             check.fail(place.part("value"), expected, value);
@@ -24,7 +24,7 @@ pub(super) fn check(header: &Header, entry: &TileEntry, lattice: &Lattice, check
     }
 }
 
-struct Rule {
+struct SourceValues {
     /// Smallest and largest value of the source's type.
     range: (f64, f64),
     /// The nodata value rounded to the source's type; `None` if rounding alone may meet it.
@@ -32,7 +32,7 @@ struct Rule {
     half: f64,
 }
 
-impl Rule {
+impl SourceValues {
     fn of(header: &Header) -> Self {
         let range = match header.source_type {
             SampleType::Int8 => (-128.0, 127.0),

@@ -86,7 +86,7 @@ impl<'a> Surfaces<'a> {
         if bits & HAS_VALID == 0 {
             return 0.0;
         }
-        let drawn = Drawn::new(self.full, q, column, row);
+        let drawn = DrawnCell::new(self.full, q, column, row);
         if let Coding::Integer { .. } = self.full.coding {
             let code = |at| i64::from(self.full.code(at));
             return if bits & HAS_VOID == 0 {
@@ -108,7 +108,7 @@ impl<'a> Surfaces<'a> {
 }
 
 /// A cell as drawn.
-struct Drawn {
+struct DrawnCell {
     /// Spacing.
     s: i64,
     cell: Cell,
@@ -120,7 +120,7 @@ struct Drawn {
     valid: [bool; 4],
 }
 
-impl Drawn {
+impl DrawnCell {
     fn new(full: &Full, q: u32, column: u64, row: u64) -> Self {
         let s = 1_u64 << q;
         let (left, top) = (column * s, row * s);
