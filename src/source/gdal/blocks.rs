@@ -20,7 +20,7 @@ pub(super) type Id = (usize, u32, u32);
 /// The caches, whose size does not depend on the number of rasters.
 #[derive(Default)]
 pub(super) struct Shared {
-    kept: Mutex<Kept>,
+    kept: Mutex<BlockLru>,
     idle: Mutex<VecDeque<(usize, Operation)>>,
 }
 
@@ -60,13 +60,13 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// Cached blocks; the least recently used are dropped first.
 #[derive(Default)]
-struct Kept {
+struct BlockLru {
     blocks: HashMap<Id, (u64, Arc<Samples>)>,
     bytes: usize,
     clock: u64,
 }
 
-impl Kept {
+impl BlockLru {
     fn get(&mut self, id: Id) -> Option<Arc<Samples>> {
         self.clock += 1;
         let entry = self.blocks.get_mut(&id)?;

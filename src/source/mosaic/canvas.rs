@@ -130,7 +130,7 @@ pub(super) struct Canvas<T> {
 }
 
 /// A row of a member.
-struct Row<T> {
+struct MemberRow<T> {
     samples: Vec<T>,
     values: Vec<f64>,
     valid: Vec<u8>,
@@ -167,7 +167,7 @@ impl<T: Number> Canvas<T> {
                 + (area.columns.start - self.area.columns.start) as usize,
             self.area.columns.len(),
         );
-        let mut row = Row { samples: Vec::new(), values: Vec::new(), valid: vec![0; width] };
+        let mut row = MemberRow { samples: Vec::new(), values: Vec::new(), valid: vec![0; width] };
         for y in 0..area.rows.len() {
             let own = y * width..(y + 1) * width;
             row.take_validity(window, &own, member.voids);
@@ -226,7 +226,7 @@ fn put<'a, T: Number + 'a>(
     }
 }
 
-impl<T: Number> Row<T> {
+impl<T: Number> MemberRow<T> {
     /// Sets `valid` to 1 where a sample of a member is valid.
     fn take_validity(&mut self, window: &Window, own: &Range<usize>, nodata: Nodata) {
         with_number!(window.samples.sample_type(), S => {

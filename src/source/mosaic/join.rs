@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::member::{Held, Member, Opener, Scaled};
+use super::member::{Member, MemberSource, Opener, Scaled};
 use super::{AHEAD, Assembly, Mosaic, canvas, lattice, same};
 use crate::error::Result;
 use crate::geo::Geo;
@@ -19,19 +19,19 @@ pub struct Piece {
     pub path: PathBuf,
     pub(crate) info: SourceInfo,
     pub(crate) files: Vec<PathBuf>,
-    pub(crate) held: Held,
+    pub(crate) held: MemberSource,
 }
 
 impl Piece {
     /// A piece that stays open.
     pub fn held(path: PathBuf, source: Box<dyn Source>) -> Self {
         let (info, files) = (source.info().clone(), source.files());
-        Self { path, info, files, held: Held::Open(Arc::from(source)) }
+        Self { path, info, files, held: MemberSource::Open(Arc::from(source)) }
     }
 
     /// A piece that is reopened when needed; `source` gives its properties.
     pub(crate) fn lazy(path: PathBuf, source: &dyn Source, open: Opener) -> Self {
-        Self { path, info: source.info().clone(), files: source.files(), held: Held::Lazy(open) }
+        Self { path, info: source.info().clone(), files: source.files(), held: MemberSource::Lazy(open) }
     }
 
     fn named(&self) -> (&Path, &SourceInfo) {

@@ -12,7 +12,7 @@ use crate::source::{Nodata, Rect, Source, SourceInfo};
 pub(crate) type Opener = Box<dyn Fn() -> Result<Box<dyn Source>> + Send + Sync>;
 
 /// The source of a member.
-pub(crate) enum Held {
+pub(crate) enum MemberSource {
     /// A source that stays open.
     Open(Arc<dyn Source>),
     /// A source that is opened when needed.
@@ -62,7 +62,7 @@ pub(crate) struct Member {
     /// All files that are read for it.
     pub(crate) files: Vec<PathBuf>,
     /// The source of its samples.
-    pub(crate) held: Held,
+    pub(crate) held: MemberSource,
 }
 
 impl Member {
@@ -97,8 +97,8 @@ impl Member {
     /// The open source, or one opened now.
     pub(super) fn open(&self) -> Result<Arc<dyn Source>> {
         let open = match &self.held {
-            Held::Open(source) => return Ok(Arc::clone(source)),
-            Held::Lazy(open) => open,
+            MemberSource::Open(source) => return Ok(Arc::clone(source)),
+            MemberSource::Lazy(open) => open,
         };
         let source = open().map_err(|error| error.at(&self.path))?;
         let info = source.info();

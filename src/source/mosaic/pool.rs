@@ -7,7 +7,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
-use super::member::{Held, Member};
+use super::member::{Member, MemberSource};
 use crate::error::Result;
 use crate::source::Source;
 
@@ -47,19 +47,19 @@ impl Drop for Permit {
 }
 
 /// An open source with its permit; a source that is always open has none.
-type Kept = (Arc<dyn Source>, Option<Permit>);
+type OpenMember = (Arc<dyn Source>, Option<Permit>);
 
 /// The open members of one mosaic.
 #[derive(Default)]
 pub(super) struct Pool {
-    kept: Mutex<BTreeMap<usize, Kept>>,
+    kept: Mutex<BTreeMap<usize, OpenMember>>,
     /// How often members were opened.
     #[cfg(test)]
     pub(super) opened: AtomicUsize,
 }
 
 impl Pool {
-    fn lock(&self) -> MutexGuard<'_, BTreeMap<usize, Kept>> {
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<usize, OpenMember>> {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -71,7 +71,7 @@ impl Pool {
         #[cfg(test)]
         self.opened.fetch_add(1, Ordering::Relaxed);
         let source = member.open()?;
-        let stays = matches!(member.held, Held::Open(_));
+        let stays = matches!(member.held, MemberSource::Open(_));
         let permit = if stays { None } else { Permit::take() };
         if stays || permit.is_some() {
             self.lock().insert(index, (Arc::clone(&source), permit));

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::cache::Cache;
-use super::convert::{Plane, Recipe};
+use super::convert::{BandSamples, Conversion};
 use super::{Memory, Picture, PictureInfo, PictureNote, Pixels, check_opening, stretch};
 use crate::error::{Error, Result};
 use crate::geo::Geo;
@@ -60,15 +60,15 @@ pub(super) trait Blocks: Send + Sync {
 }
 
 /// The parts of a picture.
-pub(super) struct Parts {
+pub(super) struct PictureParts {
     pub(super) blocks: Box<dyn Blocks>,
-    pub(super) recipe: Recipe,
+    pub(super) conversion: Conversion,
     pub(super) geo: Geo,
     pub(super) note: PictureNote,
     /// See [`PictureInfo::has_alpha`].
     pub(super) has_alpha: bool,
     /// A mask of the same size, 0 where the picture is transparent.
-    pub(super) mask: Option<(Box<dyn Blocks>, Recipe)>,
+    pub(super) mask: Option<(Box<dyn Blocks>, Conversion)>,
     /// Sidecars that were read.
     pub(super) beside: Vec<PathBuf>,
     /// True if a world file gives the place.
@@ -80,7 +80,7 @@ pub(super) struct Parts {
 /// Blocks and their conversion.
 struct Layer {
     blocks: Box<dyn Blocks>,
-    recipe: Recipe,
+    conversion: Conversion,
     bands: Vec<usize>,
     cache: Arc<Cache>,
     number: u32,
@@ -122,9 +122,9 @@ impl Shape {
 }
 
 impl Layer {
-    fn new(blocks: Box<dyn Blocks>, recipe: Recipe, cache: &Arc<Cache>) -> Self {
-        let bands = recipe.bands().collect();
-        Self { blocks, recipe, bands, cache: Arc::clone(cache), number: cache.register() }
+    fn new(blocks: Box<dyn Blocks>, conversion: Conversion, cache: &Arc<Cache>) -> Self {
+        let bands = conversion.bands().collect();
+        Self { blocks, conversion, bands, cache: Arc::clone(cache), number: cache.register() }
     }
 
     /// Memory of its blocks: while one is decoded (stored, decoded and converted), and of all
@@ -132,8 +132,8 @@ impl Layer {
     fn memory(&self) -> Memory {
         let shape = self.blocks.shape();
         let pixels = u64::from(shape.block_width) * u64::from(shape.block_height);
-        let decoded = (self.blocks.samples_read(&self.bands) * self.recipe.kind.bytes()) as u64;
-        let converted = self.recipe.channels() as u64 + u64::from(self.recipe.hides());
+        let decoded = (self.blocks.samples_read(&self.bands) * self.conversion.kind.bytes()) as u64;
+        let converted = self.conversion.channels() as u64 + u64::from(self.conversion.hides());
         Memory {
             reading: pixels.saturating_mul(2 * decoded + converted),
             block: pixels.saturating_mul(converted),
@@ -149,33 +149,33 @@ impl Layer {
             if self.blocks.is_absent(block, &self.bands) {
                 return Ok(self.absent(count));
             }
-            self.raw(block, |planes, _| self.recipe.pixels(planes, count))
+            self.raw(block, |planes, _| self.conversion.pixels(planes, count))
         })
     }
 
     /// `count` pixels of a block that the file lacks.
     fn absent(&self, count: usize) -> Pixels {
-        if self.recipe.hides() {
-            let colour = vec![0; count * self.recipe.channels()];
+        if self.conversion.hides() {
+            let colour = vec![0; count * self.conversion.channels()];
             return Pixels { colour, alpha: Some(vec![0; count]) };
         }
-        let bytes = vec![0; count * self.recipe.kind.bytes()];
-        let plane = Plane { bytes: &bytes, first: 0, stride: 1 };
-        self.recipe.pixels(&vec![plane; self.bands.len()], count)
+        let bytes = vec![0; count * self.conversion.kind.bytes()];
+        let plane = BandSamples { bytes: &bytes, first: 0, stride: 1 };
+        self.conversion.pixels(&vec![plane; self.bands.len()], count)
     }
 
     /// Calls `look` with the samples of a block and their number for each plane.
-    fn raw<T>(&self, block: usize, look: impl FnOnce(&[Plane<'_>], usize) -> T) -> Result<T> {
+    fn raw<T>(&self, block: usize, look: impl FnOnce(&[BandSamples<'_>], usize) -> T) -> Result<T> {
         let raw = self.blocks.read(block, &self.bands).map_err(|error| self.blocks.locate(error))?;
         let shape = self.blocks.shape();
         let count = shape.block_width as usize * shape.window(block).1.len();
-        let size = self.recipe.kind.bytes();
-        let planes: Vec<Plane<'_>> = raw
+        let size = self.conversion.kind.bytes();
+        let planes: Vec<BandSamples<'_>> = raw
             .planes
             .iter()
             .map(|&(at, first, stride)| {
                 let bytes = &raw.bytes[at];
-                Plane { bytes: &bytes[..bytes.len().min(count * stride * size)], first, stride }
+                BandSamples { bytes: &bytes[..bytes.len().min(count * stride * size)], first, stride }
             })
             .collect();
         Ok(look(&planes, count))
@@ -183,7 +183,7 @@ impl Layer {
 
     /// Copies the pixels of a window, block by block.
     fn window(&self, columns: &Range<u32>, rows: &Range<u32>) -> Result<Pixels> {
-        let (shape, channels) = (self.blocks.shape(), self.recipe.channels());
+        let (shape, channels) = (self.blocks.shape(), self.conversion.channels());
         let (width, count) = (columns.len(), columns.len() * rows.len());
         let mut pixels = Pixels { colour: vec![0; count * channels], alpha: None };
         if count == 0 {
@@ -214,15 +214,15 @@ impl Layer {
     /// False if all blocks of a window are missing and therefore transparent.
     fn may_show(&self, columns: &Range<u32>, rows: &Range<u32>) -> bool {
         let shape = self.blocks.shape();
-        !self.recipe.hides()
+        !self.conversion.hides()
             || shape.touched(columns, rows).any(|block| !self.blocks.is_absent(block, &self.bands))
     }
 }
 
 impl BlockPicture {
-    pub(super) fn new(parts: Parts, cache: &Arc<Cache>) -> Self {
+    pub(super) fn new(parts: PictureParts, cache: &Arc<Cache>) -> Self {
         let shape = parts.blocks.shape();
-        let kind = if parts.recipe.channels() == 1 { Colour::Grey } else { Colour::Rgb };
+        let kind = if parts.conversion.channels() == 1 { Colour::Grey } else { Colour::Rgb };
         Self {
             info: PictureInfo {
                 width: shape.width,
@@ -233,8 +233,8 @@ impl BlockPicture {
                 note: parts.note,
                 warnings: parts.warnings,
             },
-            layer: Layer::new(parts.blocks, parts.recipe, cache),
-            mask: parts.mask.map(|(blocks, recipe)| Layer::new(blocks, recipe, cache)),
+            layer: Layer::new(parts.blocks, parts.conversion, cache),
+            mask: parts.mask.map(|(blocks, conversion)| Layer::new(blocks, conversion, cache)),
             beside: parts.beside,
         }
     }
@@ -242,8 +242,9 @@ impl BlockPicture {
     /// Sample type and number of colour bands if they can be stretched; `None` for bits and
     /// palettes.
     pub(super) fn stretchable(&self) -> Option<(SampleType, usize)> {
-        let recipe = &self.layer.recipe;
-        (recipe.palette.is_none() && !recipe.is_bit).then_some((recipe.kind, recipe.colours.len()))
+        let conversion = &self.layer.conversion;
+        (conversion.palette.is_none() && !conversion.is_bit)
+            .then_some((conversion.kind, conversion.colours.len()))
     }
 
     /// Number of blocks.
@@ -260,8 +261,8 @@ impl BlockPicture {
     /// the least and the greatest.
     pub(super) fn values(&self, block: usize, most: Option<usize>) -> Result<Vec<Vec<f64>>> {
         let (layer, shape) = (&self.layer, self.layer.blocks.shape());
-        let recipe = &layer.recipe;
-        let mut values = vec![Vec::new(); recipe.colours.len()];
+        let conversion = &layer.conversion;
+        let mut values = vec![Vec::new(); conversion.colours.len()];
         if layer.blocks.is_absent(block, &layer.bands) {
             return Ok(values);
         }
@@ -269,10 +270,10 @@ impl BlockPicture {
         let mask = self.mask.as_ref().map(|mask| mask.window(&columns, &rows)).transpose()?;
         layer.raw(block, |planes, count| {
             let step = most.map_or(1, |most| (columns.len() * rows.len()).div_ceil(most.max(1)));
-            let mut hidden = recipe.hidden(planes, count).unwrap_or_else(|| vec![false; count]);
-            if recipe.alpha.is_some() {
-                planes[recipe.colours.len()]
-                    .each(recipe.kind, |index, value| hidden[index] |= recipe.opacity(value) == 0);
+            let mut hidden = conversion.hidden(planes, count).unwrap_or_else(|| vec![false; count]);
+            if conversion.alpha.is_some() {
+                planes[conversion.colours.len()]
+                    .each(conversion.kind, |index, value| hidden[index] |= conversion.opacity(value) == 0);
             }
             let width = shape.block_width as usize;
             let shown = |index: usize| {
@@ -281,7 +282,7 @@ impl BlockPicture {
                 inside && mask.as_ref().is_none_or(|mask| mask.colour[y * columns.len() + x] > 0)
             };
             for (values, plane) in values.iter_mut().zip(planes) {
-                plane.each(recipe.kind, |index, value| {
+                plane.each(conversion.kind, |index, value| {
                     // Each row starts at another offset, so that every column is sampled.
                     if (index + index / width * 7).is_multiple_of(step) && value.is_finite() && shown(index) {
                         match (most, &mut values[..]) {
@@ -302,11 +303,11 @@ impl BlockPicture {
     /// nowhere above 255, then 255 is opaque. Some of the blocks are examined.
     pub(super) fn settle_alpha(&mut self, limits: &Limits) -> Result<()> {
         let layer = &self.layer;
-        if layer.recipe.alpha.is_none() || layer.recipe.kind != SampleType::Uint16 {
+        if layer.conversion.alpha.is_none() || layer.conversion.kind != SampleType::Uint16 {
             return Ok(());
         }
         check_opening(self, 0, limits)?;
-        let (blocks, at) = (self.blocks(), layer.recipe.colours.len());
+        let (blocks, at) = (self.blocks(), layer.conversion.colours.len());
         let chosen = blocks.min(ALPHA_BLOCKS);
         let greatest = |n: usize| {
             let block = stretch::spread(n, chosen, blocks);
@@ -321,14 +322,14 @@ impl BlockPicture {
         };
         let all: Vec<f64> = (0..chosen).into_par_iter().map(greatest).collect::<Result<_>>()?;
         if (1.0..=255.0).contains(&all.into_iter().fold(0.0, f64::max)) {
-            self.layer.recipe.opaque = 255.0;
+            self.layer.conversion.opaque = 255.0;
         }
         Ok(())
     }
 
     /// Sets the values that become 0 and 255.
     pub(super) fn set_stretch(&mut self, ranges: &[(f64, f64)]) {
-        self.layer.recipe.ramps = ranges.to_vec();
+        self.layer.conversion.ramps = ranges.to_vec();
         self.info.note.stretch = ranges.to_vec();
     }
 }

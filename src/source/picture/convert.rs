@@ -6,7 +6,7 @@ use crate::source::Nodata;
 
 /// How the bands of a picture become colours and alpha.
 #[derive(Clone, Debug)]
-pub(super) struct Recipe {
+pub(super) struct Conversion {
     /// Sample type of all bands; bits are bytes 0 and 1.
     pub(super) kind: SampleType,
     /// True if samples are single bits.
@@ -31,7 +31,7 @@ pub(super) struct Recipe {
 
 /// Samples of one band of a block, possibly interleaved with others.
 #[derive(Clone, Copy)]
-pub(super) struct Plane<'a> {
+pub(super) struct BandSamples<'a> {
     /// Buffer in this machine's byte order.
     pub(super) bytes: &'a [u8],
     /// Index of the first sample of this band.
@@ -51,7 +51,7 @@ macro_rules! visit {
     }};
 }
 
-impl Plane<'_> {
+impl BandSamples<'_> {
     /// Calls `visit` with index and value of each sample.
     #[inline]
     pub(super) fn each(self, kind: SampleType, mut visit: impl FnMut(usize, f64)) {
@@ -68,7 +68,7 @@ impl Plane<'_> {
     }
 }
 
-impl Recipe {
+impl Conversion {
     /// Colour bytes of a pixel.
     pub(super) fn channels(&self) -> usize {
         if self.palette.is_some() { 3 } else { self.colours.len() }
@@ -85,7 +85,7 @@ impl Recipe {
     }
 
     /// Converts `count` pixels from the planes of [`Self::bands`].
-    pub(super) fn pixels(&self, planes: &[Plane<'_>], count: usize) -> Pixels {
+    pub(super) fn pixels(&self, planes: &[BandSamples<'_>], count: usize) -> Pixels {
         let channels = self.channels();
         let mut colour = vec![0; count * channels];
         match &self.palette {
@@ -117,9 +117,9 @@ impl Recipe {
     }
 
     /// True if the samples are the colours already, in order.
-    fn is_as_it_is(&self, planes: &[Plane<'_>]) -> bool {
+    fn is_as_it_is(&self, planes: &[BandSamples<'_>]) -> bool {
         let channels = self.channels();
-        let in_order = |(at, plane): (usize, &Plane<'_>)| (plane.first, plane.stride) == (at, channels);
+        let in_order = |(at, plane): (usize, &BandSamples<'_>)| (plane.first, plane.stride) == (at, channels);
         self.kind == SampleType::Uint8
             && self.ramps.is_empty()
             && !self.is_bit
@@ -130,7 +130,7 @@ impl Recipe {
     }
 
     /// Converts one band into its channel of `out`.
-    fn channel(&self, plane: Plane<'_>, channel: usize, out: &mut [u8]) {
+    fn channel(&self, plane: BandSamples<'_>, channel: usize, out: &mut [u8]) {
         let channels = self.channels();
         let to = out.iter_mut().skip(channel).step_by(channels);
         if let Some(&(low, high)) = self.ramps.get(channel) {
@@ -153,7 +153,7 @@ impl Recipe {
     }
 
     /// For each pixel, whether all its colours equal the nodata value; `None` if no pixel can.
-    pub(super) fn hidden(&self, planes: &[Plane<'_>], count: usize) -> Option<Vec<bool>> {
+    pub(super) fn hidden(&self, planes: &[BandSamples<'_>], count: usize) -> Option<Vec<bool>> {
         if self.nodata.is_none() && !self.kind.is_float() {
             return None;
         }
@@ -193,8 +193,8 @@ fn divide(colour: &mut [u8], alpha: &[u8], channels: usize) {
 mod tests {
     use super::*;
 
-    fn recipe(kind: SampleType, colours: &[usize]) -> Recipe {
-        Recipe {
+    fn conversion(kind: SampleType, colours: &[usize]) -> Conversion {
+        Conversion {
             kind,
             is_bit: false,
             colours: colours.to_vec(),
@@ -211,26 +211,28 @@ mod tests {
     #[test]
     fn a_pixel_is_hidden_where_all_colours_are_nodata() {
         let samples = [0_u8, 0, 0, 7, 0, 0, 1, 2, 3];
-        let planes = [0, 1, 2].map(|first| Plane { bytes: &samples, first, stride: 3 });
-        let recipe = Recipe { nodata: Some(vec![0.0; 3]), ..recipe(SampleType::Uint8, &[0, 1, 2]) };
-        let pixels = recipe.pixels(&planes, 3);
+        let planes = [0, 1, 2].map(|first| BandSamples { bytes: &samples, first, stride: 3 });
+        let conversion =
+            Conversion { nodata: Some(vec![0.0; 3]), ..conversion(SampleType::Uint8, &[0, 1, 2]) };
+        let pixels = conversion.pixels(&planes, 3);
         assert_eq!((&pixels.colour[..], pixels.alpha), (&samples[..], Some(vec![0, 255, 255])));
     }
 
     #[test]
     fn a_ramp_is_rounded_and_clamped() {
         let samples: Vec<u8> = [99_u16, 100, 151, 200, 900].iter().flat_map(|v| v.to_ne_bytes()).collect();
-        let plane = Plane { bytes: &samples, first: 0, stride: 1 };
-        let recipe = Recipe { ramps: vec![(100.0, 200.0)], ..recipe(SampleType::Uint16, &[0]) };
-        assert_eq!(recipe.pixels(&[plane], 5).colour, [0, 0, 130, 255, 255]);
+        let plane = BandSamples { bytes: &samples, first: 0, stride: 1 };
+        let conversion = Conversion { ramps: vec![(100.0, 200.0)], ..conversion(SampleType::Uint16, &[0]) };
+        assert_eq!(conversion.pixels(&[plane], 5).colour, [0, 0, 130, 255, 255]);
     }
 
     #[test]
     fn premultiplied_colours_are_divided() {
         let samples = [50_u8, 100, 0, 0, 80, 255];
-        let planes = [0, 1].map(|first| Plane { bytes: &samples, first, stride: 2 });
-        let recipe = Recipe { alpha: Some(1), premultiplied: true, ..recipe(SampleType::Uint8, &[0]) };
-        let pixels = recipe.pixels(&planes, 3);
+        let planes = [0, 1].map(|first| BandSamples { bytes: &samples, first, stride: 2 });
+        let conversion =
+            Conversion { alpha: Some(1), premultiplied: true, ..conversion(SampleType::Uint8, &[0]) };
+        let pixels = conversion.pixels(&planes, 3);
         assert_eq!((pixels.colour, pixels.alpha), (vec![128, 0, 80], Some(vec![100, 0, 255])));
     }
 }

@@ -15,8 +15,8 @@ use zune_core::colorspace::ColorSpace;
 use zune_core::options::DecoderOptions;
 use zune_jpeg::JpegDecoder;
 
-use super::blocks::{Blocks, Parts, Raw, Shape};
-use super::convert::Recipe;
+use super::blocks::{Blocks, PictureParts, Raw, Shape};
+use super::convert::Conversion;
 use super::tiff::{choose, nodata, plain};
 use super::{PictureNote, PictureOptions};
 use crate::error::{Error, Result};
@@ -61,7 +61,7 @@ pub(super) fn open(
     format: ImageFormat,
     options: &PictureOptions,
     limits: &Limits,
-) -> Result<Parts> {
+) -> Result<PictureParts> {
     let mut picture = Encoded { path: path.to_owned(), format, width: 0, height: 0, colour: ColorType::L8 };
     ((picture.width, picture.height), picture.colour) = picture.head()?;
     for (name, side) in [("width", picture.width), ("height", picture.height)] {
@@ -74,7 +74,7 @@ pub(super) fn open(
     let role = |(band, &own): (usize, &Role)| account.role(band as u32 + 1).unwrap_or(own);
     let roles: Vec<Role> = own.iter().enumerate().map(role).collect();
     let (colours, alpha) = choose(&roles, options.bands.as_deref(), false)?;
-    let recipe = Recipe {
+    let conversion = Conversion {
         kind,
         alpha,
         nodata: nodata(&colours, |band| {
@@ -86,14 +86,14 @@ pub(super) fn open(
     let note = PictureNote {
         name: file_name(path),
         description: format!("{}, {} bands of {}", picture.name(), roles.len(), kind.gdal_name()),
-        bands: recipe.colours.iter().map(|&band| band as u32 + 1).collect(),
+        bands: conversion.colours.iter().map(|&band| band as u32 + 1).collect(),
         stretch: Vec::new(),
     };
     let Account { geo, files: beside, warnings, origins, .. } = account;
-    Ok(Parts {
+    Ok(PictureParts {
         blocks: Box::new(picture),
-        has_alpha: recipe.alpha.is_some(),
-        recipe,
+        has_alpha: conversion.alpha.is_some(),
+        conversion,
         geo,
         note,
         mask: None,

@@ -17,8 +17,8 @@ use gdal::raster::{ColorInterpretation, GdalType, RasterBand};
 use gdal::spatial_ref::{AxisMappingStrategy, SpatialRef};
 use zerocopy::{Immutable, IntoBytes};
 
-use super::blocks::{Blocks, Parts, Raw, Shape};
-use super::convert::Recipe;
+use super::blocks::{Blocks, PictureParts, Raw, Shape};
+use super::convert::Conversion;
 use super::tiff::{choose, nodata, plain};
 use super::{NOWHERE, PictureNote, PictureOptions};
 use crate::error::{Error, Result};
@@ -57,7 +57,12 @@ struct GdalBlocks {
 }
 
 /// Opens a picture in coordinate system `crs`, warping it if necessary.
-pub(super) fn open(path: &Path, options: &PictureOptions, crs: &Crs, limits: &Limits) -> Result<Parts> {
+pub(super) fn open(
+    path: &Path,
+    options: &PictureOptions,
+    crs: &Crs,
+    limits: &Limits,
+) -> Result<PictureParts> {
     static QUIET: Once = Once::new();
     QUIET.call_once(|| gdal::config::set_error_handler(|_, _, _| {}));
     let source = Dataset::open(crate::source::open::for_gdal(path, limits)?).map_err(|error| {
@@ -165,7 +170,13 @@ fn warp(dataset: &Dataset, target: &SpatialRef, own: Option<&SpatialRef>) -> Res
 }
 
 /// Everything about a picture that is known when it is opened.
-fn parts(opened: Opened, path: &Path, options: &PictureOptions, crs: &Crs, limits: &Limits) -> Result<Parts> {
+fn parts(
+    opened: Opened,
+    path: &Path,
+    options: &PictureOptions,
+    crs: &Crs,
+    limits: &Limits,
+) -> Result<PictureParts> {
     let wrong = |error: GdalError| Error::format("band 1", "a raster band", error);
     let dataset = opened.dataset();
     let first = dataset.rasterband(1).map_err(wrong)?;
@@ -192,7 +203,7 @@ fn parts(opened: Opened, path: &Path, options: &PictureOptions, crs: &Crs, limit
         bands: colours.iter().map(|&band| band as u32 + 1).collect(),
         stretch: Vec::new(),
     };
-    let recipe = Recipe { kind, colours, alpha, palette, nodata, ..plain() };
+    let conversion = Conversion { kind, colours, alpha, palette, nodata, ..plain() };
     let files = files::of(&opened.source, path);
     let opened = Arc::new(Mutex::new(opened));
     let blocks = |is_mask, kind| {
@@ -200,11 +211,12 @@ fn parts(opened: Opened, path: &Path, options: &PictureOptions, crs: &Crs, limit
         let blocks = GdalBlocks { path, files, opened, shape, kind, is_mask };
         Box::new(blocks) as Box<dyn Blocks>
     };
-    let mask = has_mask.then(|| (blocks(true, SampleType::Uint8), Recipe { colours: vec![0], ..plain() }));
+    let mask =
+        has_mask.then(|| (blocks(true, SampleType::Uint8), Conversion { colours: vec![0], ..plain() }));
     let geo = Geo { transform: Some(transform), pixel_is_point: false, crs: crs.clone() };
-    Ok(Parts {
+    Ok(PictureParts {
         blocks: blocks(false, kind),
-        recipe,
+        conversion,
         geo,
         note,
         has_alpha,

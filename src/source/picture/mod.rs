@@ -22,7 +22,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use self::blocks::{BlockPicture, Parts};
+use self::blocks::{BlockPicture, PictureParts};
 use self::cache::Cache;
 pub use self::stretch::Stretch;
 use crate::error::{Error, Result};
@@ -206,7 +206,7 @@ fn check_opening(picture: &BlockPicture, more: u64, limits: &Limits) -> Result<(
 /// Refuses a picture without a place or in another coordinate system. A picture with a world file
 /// but no coordinate system is taken to lie in that of the heights, as a world file cannot name
 /// one.
-fn place(mut parts: Parts, crs: &Crs) -> Result<Parts> {
+fn place(mut parts: PictureParts, crs: &Crs) -> Result<PictureParts> {
     let geo = &mut parts.geo;
     if geo.transform.is_none() {
         let what = "a picture that does not say where it lies";

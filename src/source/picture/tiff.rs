@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use super::PictureNote;
 use super::PictureOptions;
-use super::blocks::{Blocks, Parts, Raw, Shape};
-use super::convert::Recipe;
+use super::blocks::{Blocks, PictureParts, Raw, Shape};
+use super::convert::Conversion;
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::sample::SampleType;
@@ -25,34 +25,34 @@ const ASSOCIATED: u64 = 1;
 const UNASSOCIATED: u64 = 2;
 
 /// Opens a TIFF and decides on the conversion of its bands.
-pub(super) fn open(path: &Path, options: &PictureOptions, limits: &Limits) -> Result<Parts> {
+pub(super) fn open(path: &Path, options: &PictureOptions, limits: &Limits) -> Result<PictureParts> {
     let (raster, meaning, mask) = Raster::open(path, limits)?;
-    let mut recipe = recipe(&raster, &meaning, options.bands.as_deref())?;
+    let mut conversion = conversion(&raster, &meaning, options.bands.as_deref())?;
     if mask.is_some() {
         // As in GDAL, a mask overrides the nodata value.
-        recipe.nodata = None;
+        conversion.nodata = None;
     }
     let note = PictureNote {
         name: file_name(path),
         description: meaning.description,
-        bands: recipe.colours.iter().map(|&band| band as u32 + 1).collect(),
+        bands: conversion.colours.iter().map(|&band| band as u32 + 1).collect(),
         stretch: Vec::new(),
     };
     let mask = mask.map(|mask| {
         let is_bit = mask.stored().is_none();
-        let recipe = Recipe { kind: SampleType::Uint8, is_bit, colours: vec![0], ..plain() };
-        (Box::new(mask) as Box<dyn Blocks>, recipe)
+        let conversion = Conversion { kind: SampleType::Uint8, is_bit, colours: vec![0], ..plain() };
+        (Box::new(mask) as Box<dyn Blocks>, conversion)
     });
-    let has_alpha = recipe.alpha.is_some();
+    let has_alpha = conversion.alpha.is_some();
     let Account { geo, files: beside, warnings, origins, .. } = meaning.account;
     let placed_beside = matches!(origins.place, Some(Origin::WorldFile(_)));
     let blocks = Box::new(raster);
-    Ok(Parts { blocks, recipe, geo, note, has_alpha, mask, beside, placed_beside, warnings })
+    Ok(PictureParts { blocks, conversion, geo, note, has_alpha, mask, beside, placed_beside, warnings })
 }
 
 /// The conversion of one band of bytes, unchanged.
-pub(super) fn plain() -> Recipe {
-    Recipe {
+pub(super) fn plain() -> Conversion {
+    Conversion {
         kind: SampleType::Uint8,
         is_bit: false,
         colours: Vec::new(),
@@ -66,7 +66,7 @@ pub(super) fn plain() -> Recipe {
     }
 }
 
-fn recipe(raster: &Raster, meaning: &Meaning, wanted: Option<&[u32]>) -> Result<Recipe> {
+fn conversion(raster: &Raster, meaning: &Meaning, wanted: Option<&[u32]>) -> Result<Conversion> {
     let bands = raster.band_count() as usize;
     let colours = match (meaning.photometric, raster.is_jpeg()) {
         (WHITE_IS_ZERO | BLACK_IS_ZERO | RGB, _) | (YCBCR, true) => None,
@@ -85,7 +85,7 @@ fn recipe(raster: &Raster, meaning: &Meaning, wanted: Option<&[u32]>) -> Result<
         let kind = band.checked_sub(first_extra).and_then(|at| meaning.extra.get(at));
         kind == Some(&ASSOCIATED)
     };
-    Ok(Recipe {
+    Ok(Conversion {
         kind,
         is_bit: raster.stored().is_none() && colours.is_none(),
         premultiplied: alpha.is_some_and(multiplied),

@@ -16,7 +16,7 @@ use super::decode::{self, Buffers};
 use super::direct::{self, READ_BYTES};
 use super::file::TiffFile;
 use super::layout::{Layout, Stored};
-use super::parts::{self, Number, Part};
+use super::parts::{self, BlockWindow, Number};
 use crate::error::{Error, Result};
 use crate::source::ReadMemory;
 
@@ -163,11 +163,11 @@ impl Band {
         &self,
         columns: &Range<u32>,
         rows: &Range<u32>,
-        parts: Vec<Part<'_, T>>,
+        parts: Vec<BlockWindow<'_, T>>,
         fill: T,
     ) -> Result<()> {
         let (kept, keep_from) = self.begin(columns, rows);
-        let read = |mut part: Part<'_, T>| {
+        let read = |mut part: BlockWindow<'_, T>| {
             let index = part.block;
             if self.layout.counts[index] == 0 {
                 part.fill(fill);

@@ -12,7 +12,7 @@ use zerocopy::IntoBytes;
 use super::blocks::Band;
 use super::decode::{self, Buffers};
 use super::layout::Layout;
-use super::parts::{Number, Part};
+use super::parts::{BlockWindow, Number};
 use crate::error::{Error, Result};
 
 /// Bytes of one read: many enough to make the call cheap, few enough for fast caches and several
@@ -96,12 +96,12 @@ fn runs(band: &Band, rows: &Range<u32>) -> Result<Vec<Run>> {
 }
 
 /// Reads any window, block by block.
-pub(super) fn parts<T: Number>(band: &Band, parts: Vec<Part<'_, T>>, fill: T) -> Result<()> {
+pub(super) fn parts<T: Number>(band: &Band, parts: Vec<BlockWindow<'_, T>>, fill: T) -> Result<()> {
     let done: Vec<Result<()>> = parts.into_par_iter().map(|part| self::part(band, part, fill)).collect();
     done.into_iter().collect()
 }
 
-fn part<T: Number>(band: &Band, mut part: Part<'_, T>, fill: T) -> Result<()> {
+fn part<T: Number>(band: &Band, mut part: BlockWindow<'_, T>, fill: T) -> Result<()> {
     let layout = &band.layout;
     if layout.counts[part.block] == 0 {
         part.fill(fill);

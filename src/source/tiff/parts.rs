@@ -13,7 +13,7 @@ pub(super) trait Number: Copy + PartialEq + Send + Sync + FromBytes + IntoBytes 
 impl<T: Copy + PartialEq + Send + Sync + FromBytes + IntoBytes + Immutable> Number for T {}
 
 /// The part of a window that lies in one block.
-pub(super) struct Part<'a, T> {
+pub(super) struct BlockWindow<'a, T> {
     /// Index of the block.
     pub(super) block: usize,
     /// First wanted row of the block.
@@ -24,7 +24,7 @@ pub(super) struct Part<'a, T> {
     pub(super) rows: Vec<&'a mut [T]>,
 }
 
-impl<T: Number> Part<'_, T> {
+impl<T: Number> BlockWindow<'_, T> {
     /// Copies the samples from a decoded block of one band.
     pub(super) fn copy(&mut self, layout: &Layout, bytes: &[u8]) {
         let row_bytes = layout.block_width as usize * size_of::<T>();
@@ -63,13 +63,13 @@ pub(super) fn split<'a, T>(
     columns: &Range<u32>,
     rows: &Range<u32>,
     out: &'a mut [T],
-) -> Vec<Part<'a, T>> {
+) -> Vec<BlockWindow<'a, T>> {
     let (width, height) = (layout.block_width, layout.block_height);
     let across = columns.start / width..(columns.end - 1) / width + 1;
-    let mut parts: Vec<Part<'a, T>> = Vec::new();
+    let mut parts: Vec<BlockWindow<'a, T>> = Vec::new();
     for (y, mut rest) in rows.clone().zip(out.chunks_exact_mut(columns.len())) {
         if y == rows.start || y % height == 0 {
-            parts.extend(across.clone().map(|x| Part {
+            parts.extend(across.clone().map(|x| BlockWindow {
                 block: (y / height) as usize * layout.across as usize + x as usize,
                 top: y % height,
                 left: columns.start.saturating_sub(x * width),
