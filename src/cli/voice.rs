@@ -15,7 +15,7 @@ const PLAIN: &str = "\x1b[0m";
 
 /// Options of every command.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
-#[command(next_help_heading = "What is said")]
+#[command(next_help_heading = "Messages")]
 pub struct VoiceArgs {
     /// Print no progress and no report; errors, warnings and requested data (JSON, tables) remain
     #[arg(long, short, global = true, conflicts_with = "verbose")]
