@@ -64,7 +64,7 @@ pub(super) fn refusal(start: &[u8]) -> Error {
         return no_raster("a Relevo file already: see relevo info, or relevo export to make a GeoTIFF of it");
     }
     if start.starts_with(b"PK\x03\x04") {
-        return Error::unsupported("a zip archive", "unpack it and give what is in it");
+        return Error::unsupported("a zip archive", "unpack it and give the files in it");
     }
     if start.starts_with(b"\x1F\x8B") {
         return Error::unsupported("a file that was gzipped twice", "unpack it with gunzip");

@@ -327,5 +327,5 @@ fn open_warped(paths: &[PathBuf], _: &Warp, _: &OpenOptions, _: &Limits) -> Resu
 pub(crate) const NEEDS_GDAL: &str = if cfg!(feature = "gdal") {
     "GDAL does not read it either"
 } else {
-    "install GDAL (Debian: apt-get install libgdal-dev) and relevo with it: cargo install relevo --features gdal"
+    "needs GDAL: install it (Debian: apt-get install libgdal-dev), then cargo install relevo --features gdal"
 };

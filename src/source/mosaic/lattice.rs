@@ -12,7 +12,7 @@ use crate::source::{Rect, SourceInfo, advice, file_name};
 const TOLERANCE: f64 = 0.01;
 
 /// Advice for rasters on different grids.
-const HINT: &str = "bring one onto the grid of the other first (gdalwarp with -tr and -te, or --crs in a build with \
+const HINT: &str = "bring one onto the grid of the other first (gdalwarp with -tr and -te, or `crs` in a build with \
                     --features gdal)";
 
 /// The common lattice, and the rectangle of each raster on it.
