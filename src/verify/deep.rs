@@ -49,7 +49,7 @@ pub(super) fn check(
     }
     let count = u64::from(header.width) * u64::from(header.height);
     if count > options.max_deep_samples {
-        let what = "number of samples to verify deeply at once (leave `deep` away, or verify a build of a part of the raster)";
+        let what = "number of samples to verify deeply at once (leave out `deep`, or verify a build of a part of the raster)";
         return Err(Error::limit(what, count, options.max_deep_samples).at(reader.path()));
     }
     if tables.by_tile.values().any(|(entry, _)| entry.is_leaf() && entry.id.level < header.levels) {

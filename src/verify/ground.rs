@@ -250,7 +250,7 @@ impl Ground {
 
     /// An upper bound of the metres from any point of a block to point `to`. The block has half the
     /// size `half` about `centre`.
-    pub fn reach(&self, centre: Point, half: f64, to: Point) -> f64 {
+    pub fn upper_bound(&self, centre: Point, half: f64, to: Point) -> f64 {
         let corner = |x: f64, y: f64| [centre[0] + x * half, centre[1] + y * half];
         let corners = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(-1.0, 1.0), corner(1.0, 1.0)];
         let (_, most) = self.scales(&[corners[0], corners[1], corners[2], corners[3], to]);
@@ -395,7 +395,8 @@ mod tests {
                 let (point, corner, size) = ([random(), random()], [random(), random()], random() / 8.0);
                 let far = [corner[0] + size, corner[1] + size];
                 let lower = ground.to_block(point, corner, far);
-                let upper = ground.reach([corner[0] + size / 2.0, corner[1] + size / 2.0], size / 2.0, point);
+                let upper =
+                    ground.upper_bound([corner[0] + size / 2.0, corner[1] + size / 2.0], size / 2.0, point);
                 for i in 0..25 {
                     let inside = [
                         corner[0] + size * f64::from(i % 5) / 4.0,

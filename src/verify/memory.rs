@@ -62,8 +62,8 @@ pub(super) fn shape(reader: &Reader, source: Option<&dyn Source>, options: &Veri
     within(limit, fixed.saturating_add(least), || {
         let what = format!("a check of {} on {threads} threads", reader.path().display());
         let help = match (options.deep, source.is_some()) {
-            (true, _) => "leave the deep check away",
-            (_, true) => "leave the source away",
+            (true, _) => "leave out the deep check",
+            (_, true) => "leave out the source",
             _ => "use fewer threads",
         };
         (what, help)

@@ -151,7 +151,7 @@ impl<'a> Search<'a> {
     }
 
     fn run(mut self) -> f64 {
-        self.visit(self.q, self.place);
+        self.search(self.q, self.place);
         self.worst
     }
 
@@ -162,7 +162,7 @@ impl<'a> Search<'a> {
     }
 
     /// Searches a block for misdrawn points.
-    fn visit(&mut self, log: u32, block: [u64; 2]) {
+    fn search(&mut self, log: u32, block: [u64; 2]) {
         let bits = self.outline.occupancy.bits(log, block[0], block[1]);
         let (left, top) = self.origin(log, block);
         let side = 4_i64 << log;
@@ -174,29 +174,31 @@ impl<'a> Search<'a> {
             return;
         }
         if log == 0 {
-            self.visit_unit(block);
+            self.search_unit(block);
             return;
         }
         let size = (1_u64 << log) as f64;
         let centre = block.map(|v| (v as f64 + 0.5) * size);
         self.near = self.outline.nearest(centre, self.near, 0.0).block;
-        if self.reach(centre, 0.5 * size) <= self.worst {
+        if self.upper_bound(centre, 0.5 * size) <= self.worst {
             return;
         }
         for (i, j) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-            self.visit(log - 1, [2 * block[0] + i, 2 * block[1] + j]);
+            self.search(log - 1, [2 * block[0] + i, 2 * block[1] + j]);
         }
     }
 
     /// An upper bound of the metres from any point of a block to the outline, by a piece of it in
     /// the cell found last.
-    fn reach(&self, centre: Point, half: f64) -> f64 {
+    fn upper_bound(&self, centre: Point, half: f64) -> f64 {
         let segments = self.outline.segments(self.near);
-        segments.map(|[end, _]| self.outline.ground.reach(centre, half, end)).fold(f64::INFINITY, f64::min)
+        segments
+            .map(|[end, _]| self.outline.ground.upper_bound(centre, half, end))
+            .fold(f64::INFINITY, f64::min)
     }
 
     /// Measures the misdrawn polygons of the two fine triangles of a unit cell.
-    fn visit_unit(&mut self, block: [u64; 2]) {
+    fn search_unit(&mut self, block: [u64; 2]) {
         let valid = self.outline.valid(block[0], block[1]);
         let origin = self.origin(0, block);
         let fine_cell = Cell::new(1, block[0], block[1]);

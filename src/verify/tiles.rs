@@ -144,7 +144,7 @@ impl<'a> TileChecker<'a> {
         self.tables.whole &= tile.border.is_some() && tile.table.is_some();
         self.borders.add(entry.id, tile.border)?;
         while self.path.len() > usize::from(entry.id.level) {
-            self.leave();
+            self.finish_tile();
         }
         self.recount.add(self.reader, &entry, tile.valid, tile.range_m);
         if let Some(table) = &tile.table {
@@ -180,7 +180,7 @@ impl<'a> TileChecker<'a> {
     }
 
     /// Finishes the last tile of the path, all of whose descendants were checked.
-    fn leave(&mut self) {
+    fn finish_tile(&mut self) {
         let Some(node) = self.path.pop() else { return };
         if let Some(table) = &node.table {
             self.recount.add_errors(&node.entry, table, &node.occupied);
@@ -207,7 +207,7 @@ impl<'a> TileChecker<'a> {
 
     fn finish(mut self, counted: bool) -> Result<(Tables, Vec<Check>)> {
         while !self.path.is_empty() {
-            self.leave();
+            self.finish_tile();
         }
         if counted {
             let mut expected = 0;
