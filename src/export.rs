@@ -31,7 +31,7 @@ use crate::output;
 use crate::sample::SampleType;
 use crate::source::{Nodata, Rect, Samples};
 use crate::tile::TileId;
-use memory::{Extract, Way};
+use memory::{Extract, WriteMode};
 use part::each_band;
 
 /// Largest side of a PNG in samples, since it is made in memory.
@@ -83,13 +83,13 @@ pub fn geotiff(reader: &Reader, output: &Path, options: GeotiffOptions) -> Resul
     spec.force = options.force;
     let (rect, extract) = all_of(header, options.level);
     match memory::way(reader, extract, void, &spec, false)? {
-        Way::Bands(most) => {
+        WriteMode::Bands(most) => {
             let mut writer = GeotiffWriter::create(output, &spec)?;
             let mut put = |values: &[Option<f64>]| write(&mut writer, values, header.source_type, void);
             each_band(reader, (options.level, most), &rect, &mut put)?;
             writer.finish()?;
         }
-        Way::Blocks(blocks, at_once) => {
+        WriteMode::Blocks(blocks, at_once) => {
             spec.tile = Some(blocks.side());
             let mut writer = GeotiffWriter::create_sparse(output, &spec)?;
             blocks.write(reader, &mut writer, void, at_once)?;

@@ -103,22 +103,22 @@ pub fn verbose() -> bool {
 
 /// Prints an error. If standard error is closed the message is lost.
 pub fn error(message: &str) {
-    say(ERROR, "", message);
+    print(ERROR, "", message);
 }
 
 /// Prints a warning.
 pub fn warning(message: &str) {
-    say(WARNING, "warning: ", message);
+    print(WARNING, "warning: ", message);
 }
 
 /// Prints a detail if `--verbose` is set.
 pub fn detail(message: &str) {
     if verbose() {
-        say("", "", message);
+        print("", "", message);
     }
 }
 
-fn say(colour: &str, kind: &str, message: &str) {
+fn print(colour: &str, kind: &str, message: &str) {
     let mut err = AutoStream::new(io::stderr().lock(), voice().color.choice());
     let plain = if colour.is_empty() { "" } else { PLAIN };
     let _ = writeln!(err, "{colour}relevo: {kind}{plain}{message}");

@@ -233,7 +233,7 @@ fn each_band(layer: &ImageryLayer, area: Area, mut take: impl FnMut(Vec<u8>) -> 
 }
 
 /// The texels shown for a tile: its own, or a part of its finest ancestor in the layer.
-struct Shown {
+struct ShownTile {
     texels: Texels,
     gutter: u64,
     /// Number of levels between the ancestor and the tile.
@@ -243,7 +243,7 @@ struct Shown {
 }
 
 /// The tile, or its finest ancestor in the layer.
-fn finest(layer: &ImageryLayer, id: TileId) -> Result<Option<Shown>> {
+fn finest(layer: &ImageryLayer, id: TileId) -> Result<Option<ShownTile>> {
     let tile = u64::from(layer.header().tile);
     for down in 0..=id.level {
         let ancestor = TileId::new(id.level - down, id.x >> down, id.y >> down);
@@ -251,13 +251,13 @@ fn finest(layer: &ImageryLayer, id: TileId) -> Result<Option<Shown>> {
             let within = |place: u32| (u64::from(place) & ((1 << down) - 1)) * tile;
             let origin = (within(id.x), within(id.y));
             let (texels, gutter) = (layer.read_tile(ancestor)?, layer.header().gutter.into());
-            return Ok(Some(Shown { texels, gutter, down, origin }));
+            return Ok(Some(ShownTile { texels, gutter, down, origin }));
         }
     }
     Ok(None)
 }
 
-impl Shown {
+impl ShownTile {
     /// Writes the texel at a column and row of the tile.
     fn put(&self, (column, row): (u64, u64), pixel: &mut [u8]) {
         let along = |origin: u64, place: u64| (((origin + place) >> self.down) + self.gutter) as usize;

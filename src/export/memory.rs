@@ -19,7 +19,7 @@ const AT_ONCE: u64 = 256 << 20;
 const MASKED: u64 = 1;
 
 /// How a level is written.
-pub(super) enum Way {
+pub(super) enum WriteMode {
     /// In bands of at most this many rows.
     Bands(u32),
     /// In blocks, within this many bytes at a time.
@@ -72,7 +72,7 @@ pub(super) fn way(
     void: Void,
     spec: &GeotiffSpec,
     part: bool,
-) -> Result<Way> {
+) -> Result<WriteMode> {
     let (header, masked) = (reader.header(), matches!(void, Void::Mask));
     let sample = header.source_type.bytes() as u64;
     let each = VALUE_BYTES + sample + if masked { MASKED } else { 0 };
@@ -90,18 +90,18 @@ pub(super) fn way(
     let Some(limit) = reader.memory_limit() else {
         if may_be_blocks && (sparse || wide) {
             let blocks = blocks()?;
-            return Ok(Way::Blocks(blocks, AT_ONCE));
+            return Ok(WriteMode::Blocks(blocks, AT_ONCE));
         }
         let most = if part { 4 * BAND_BYTES } else { BAND_BYTES };
         return band_rows(reader, extract, VALUE_BYTES, most)
-            .map(Way::Bands)
+            .map(WriteMode::Bands)
             .ok_or_else(|| too_wide(extract, header.tile(), most));
     };
     let room = limit.saturating_sub(for_bands);
     let bands =
         if for_bands < limit { band_rows(reader, extract, each, room.min(4 * BAND_BYTES)) } else { None };
     if bands == Some(header.tile()) && !sparse {
-        return Ok(Way::Bands(header.tile()));
+        return Ok(WriteMode::Bands(header.tile()));
     }
     let mut least =
         for_bands.saturating_add(band_bytes(extract, (header.tile() / MOST_BANDS as u32).max(1), each));
@@ -109,12 +109,12 @@ pub(super) fn way(
         let needed = for_blocks(&blocks).saturating_add(blocks.bytes(header.tile_count));
         if needed <= limit {
             let at_once = (limit - for_blocks(&blocks)).min(AT_ONCE);
-            return Ok(Way::Blocks(blocks, at_once));
+            return Ok(WriteMode::Blocks(blocks, at_once));
         }
         least = least.min(needed);
     }
     if let Some(rows) = bands {
-        return Ok(Way::Bands(rows));
+        return Ok(WriteMode::Bands(rows));
     }
     within(Some(limit), least.max(limit.saturating_add(1)), || {
         let (columns, rows, level) = (extract.columns, extract.rows, extract.level);

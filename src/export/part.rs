@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use super::memory::{Extract, Way};
+use super::memory::{Extract, WriteMode};
 use super::{
     GeotiffOptions, MAX_PICTURE_SIDE, Void, check_apart, check_level, level_geo, memory, void, write,
 };
@@ -49,8 +49,8 @@ pub fn part_geotiff(
     spec.force = options.force;
     let extract = Extract { level: options.level, columns: size.0, rows: size.1 };
     let most = match memory::way(reader, extract, void, &spec, true)? {
-        Way::Bands(most) => most,
-        Way::Blocks(..) => header.tile(),
+        WriteMode::Bands(most) => most,
+        WriteMode::Blocks(..) => header.tile(),
     };
     let mut writer = GeotiffWriter::create(output, &spec)?;
     each_band(reader, (options.level, most), &part, &mut |values| {

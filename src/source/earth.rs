@@ -22,7 +22,7 @@ const FARTHEST: f64 = 4.1e7;
 const FARTHEST_IN_ZONE: f64 = 3.0e6;
 
 /// Advice for an impossible georeference.
-const MEND: &str = "state it anew with gdal_edit.py (-a_srs, -a_ullr) if that is wrong";
+const ADVICE: &str = "state it anew with gdal_edit.py (-a_srs, -a_ullr) if that is wrong";
 
 /// Refuses a georeference whose derived numbers overflow: they could neither be written nor read
 /// back.
@@ -60,7 +60,7 @@ pub(super) fn doubts(info: &SourceInfo) -> Vec<String> {
     let spacing = geo.spacing((info.width / 2, info.width / 2), middle);
     let pixel = spacing.dx.max(spacing.dy);
     if found.is_empty() && pixel > LARGEST_PIXEL {
-        found.push(format!("a pixel is {:.0} km wide on the ground: {MEND}", pixel / 1000.0));
+        found.push(format!("a pixel is {:.0} km wide on the ground: {ADVICE}", pixel / 1000.0));
     }
     found
 }
@@ -75,19 +75,19 @@ fn degrees(geo: &Geo, [west, south, east, north]: [f64; 4]) -> Vec<String> {
     if west.abs().max(east.abs()) > 1000.0 && south.abs().max(north.abs()) > 1000.0 {
         return vec![format!(
             "its coordinates are called longitudes and latitudes ({}) and reach from {west} to {east} and from {south} to \
-             {north}: they look like metres; {MEND}",
+             {north}: they look like metres; {ADVICE}",
             name(geo)
         )];
     }
     let mut found = Vec::new();
     if north > 90.0 + half || south < -90.0 - half {
         let latitude = if north > 90.0 + half { north } else { south };
-        found.push(format!("its latitudes reach {latitude}, beyond the pole: {MEND}"));
+        found.push(format!("its latitudes reach {latitude}, beyond the pole: {ADVICE}"));
     }
     if west < -FARTHEST_LONGITUDE || east > FARTHEST_LONGITUDE {
-        found.push(format!("its longitudes reach from {west} to {east}: {MEND}"));
+        found.push(format!("its longitudes reach from {west} to {east}: {ADVICE}"));
     } else if east - west > 360.0 + (a.abs() + b.abs()) * unit + 1e-6 {
-        found.push(format!("it is {} degrees wide, more than once around the Earth: {MEND}", east - west));
+        found.push(format!("it is {} degrees wide, more than once around the Earth: {ADVICE}", east - west));
     }
     found
 }
@@ -98,7 +98,7 @@ fn metres(geo: &Geo, bounds: [f64; 4]) -> Vec<String> {
     let farthest = [west, south, east, north].into_iter().fold(0.0, |most: f64, value| most.max(value.abs()));
     if farthest > FARTHEST {
         return vec![format!(
-            "its coordinates ({}) reach {farthest:.0} m, farther than the Earth is around: {MEND}",
+            "its coordinates ({}) reach {farthest:.0} m, farther than the Earth is around: {ADVICE}",
             name(geo)
         )];
     }
@@ -109,7 +109,7 @@ fn metres(geo: &Geo, bounds: [f64; 4]) -> Vec<String> {
     if west >= -360.0 && east <= 360.0 && south >= -90.0 && north <= 90.0 && pixel_x.max(pixel_y) < 1.0 {
         return vec![format!(
             "its coordinates are called metres ({}) and reach from {west} to {east} and from {south} to {north}: they look like \
-             degrees; {MEND}",
+             degrees; {ADVICE}",
             name(geo)
         )];
     }
@@ -125,7 +125,7 @@ fn metres(geo: &Geo, bounds: [f64; 4]) -> Vec<String> {
         return Vec::new();
     }
     vec![format!(
-        "it reaches {:.0} km from the middle meridian of its zone ({}): {MEND}",
+        "it reaches {:.0} km from the middle meridian of its zone ({}): {ADVICE}",
         off / 1000.0,
         name(geo)
     )]

@@ -172,7 +172,7 @@ impl<T: Number> Canvas<T> {
             let own = y * width..(y + 1) * width;
             row.take_validity(window, &own, member.voids);
             row.take_samples(member, &window.samples, &own);
-            hide(&row.samples, nodata, &mut row.valid);
+            mask_nodata(&row.samples, nodata, &mut row.valid);
             self.add(at, &row.samples, &row.valid);
             at += stride;
         }
@@ -234,7 +234,7 @@ impl<T: Number> MemberRow<T> {
                 let samples = &samples[own.clone()];
                 let places = samples.iter().zip(&mut self.valid);
                 places.for_each(|(&sample, valid)| *valid = u8::from(sample.is_finite()));
-                hide(samples, nodata, &mut self.valid);
+                mask_nodata(samples, nodata, &mut self.valid);
             }
         });
         if let Some(mask) = &window.mask {
@@ -267,7 +267,7 @@ impl<T: Number> MemberRow<T> {
 }
 
 /// Sets `valid` to 0 where `nodata` makes a sample void.
-fn hide<S: Number>(samples: &[S], nodata: Nodata, valid: &mut [u8]) {
+fn mask_nodata<S: Number>(samples: &[S], nodata: Nodata, valid: &mut [u8]) {
     for (low, high) in nodata.near().into_iter().chain(nodata.far()) {
         let (low, high) = (S::nearest(low), S::nearest(high));
         let places = samples.iter().zip(valid.iter_mut());

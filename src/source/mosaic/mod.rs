@@ -128,7 +128,7 @@ impl Source for Mosaic {
 
     fn read_window(&self, columns: Range<u32>, rows: Range<u32>) -> Result<Window> {
         check_window(&self.info, &columns, &rows)?;
-        self.pool.leave(&self.members, &rows);
+        self.pool.close_passed(&self.members, &rows);
         let wanted = self.index.meeting(&self.members, &columns, &rows);
         if let &[index] = &wanted[..]
             && self.members[index].is_plain(&self.info)

@@ -81,7 +81,7 @@ impl Pool {
 
     /// Closes the members that do not meet these rows of the mosaic; those that stay open release
     /// their caches.
-    pub(super) fn leave(&self, members: &[Member], rows: &Range<u32>) {
+    pub(super) fn close_passed(&self, members: &[Member], rows: &Range<u32>) {
         let meets = |member: &Member| member.rect.rows.start < rows.end && rows.start < member.rect.rows.end;
         self.lock().retain(|&index, (source, _)| {
             let stays = meets(&members[index]);

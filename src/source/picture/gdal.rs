@@ -20,7 +20,7 @@ use zerocopy::{Immutable, IntoBytes};
 use super::blocks::{Blocks, PictureParts, Raw, Shape};
 use super::convert::Conversion;
 use super::tiff::{choose, nodata, plain};
-use super::{NOWHERE, PictureNote, PictureOptions};
+use super::{PLACE_ADVICE, PictureNote, PictureOptions};
 use crate::error::{Error, Result};
 use crate::geo::{Crs, Geo};
 use crate::limits::Limits;
@@ -194,7 +194,7 @@ fn parts(
         said.map(|value| metadata::rounded(value, kind))
     });
     let Ok(transform) = dataset.geo_transform() else {
-        return Err(Error::unsupported("a picture that does not say where it lies", NOWHERE));
+        return Err(Error::unsupported("a picture that does not say where it lies", PLACE_ADVICE));
     };
     let how = if opened.warped.is_some() { ", warped" } else { "" };
     let note = PictureNote {

@@ -37,7 +37,7 @@ use crate::texel::Colour;
 pub const KEPT: u64 = 512 << 20;
 
 /// Advice for a picture without a place.
-const NOWHERE: &str =
+const PLACE_ADVICE: &str =
     "put a world file beside it, or give it its place with gdal_translate -a_ullr WEST NORTH EAST SOUTH";
 
 /// Pixels of a window, row by row.
@@ -211,7 +211,7 @@ fn place(mut parts: PictureParts, crs: &Crs) -> Result<PictureParts> {
     if geo.transform.is_none() {
         let what = "a picture that does not say where it lies";
         let why = parts.warnings.first().map_or_else(|| what.to_owned(), |why| format!("{what} ({why})"));
-        return Err(Error::unsupported(why, NOWHERE));
+        return Err(Error::unsupported(why, PLACE_ADVICE));
     }
     if parts.placed_beside && crs::is_unknown(&geo.crs) {
         geo.crs = crs.clone();
