@@ -51,8 +51,8 @@ impl<K: Copy + Eq + Hash, V> Lru<K, V> {
         self.entries.get(&key).map(|entry| &entry.value)
     }
 
-    /// Inserts a value of `bytes` bytes as the most recently used, in place of the key's old one. A value larger than the
-    /// budget is not kept.
+    /// Inserts a value of `bytes` bytes as the most recently used, in place of the key's old one. A
+    /// value larger than the budget is not kept.
     pub fn insert(&mut self, key: K, value: V, bytes: u64) {
         self.remove(key);
         if bytes <= self.budget {
@@ -61,8 +61,8 @@ impl<K: Copy + Eq + Hash, V> Lru<K, V> {
         }
     }
 
-    /// The value of a key, or a new one of 0 bytes, as the most recently used. Drops nothing: [`Lru::resize`] does, once
-    /// the size is known.
+    /// The value of a key, or a new one of 0 bytes, as the most recently used. Drops nothing:
+    /// [`Lru::resize`] does, once the size is known.
     pub fn get_or_insert_with(&mut self, key: K, new: impl FnOnce() -> V) -> &V {
         if self.touch(key).is_none() {
             self.add(key, new());
@@ -70,8 +70,8 @@ impl<K: Copy + Eq + Hash, V> Lru<K, V> {
         &self.entries[&key].value
     }
 
-    /// Sets the size of a value and drops the least recently used ones until the rest fits, or one is left. A key that
-    /// is not there changes nothing.
+    /// Sets the size of a value and drops the least recently used ones until the rest fits, or one
+    /// is left. A key that is not there changes nothing.
     pub fn resize(&mut self, key: K, bytes: u64) {
         let Some(entry) = self.entries.get_mut(&key) else { return };
         self.bytes = self.bytes - std::mem::replace(&mut entry.bytes, bytes) + bytes;
