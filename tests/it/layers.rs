@@ -5,11 +5,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Modules that may know those in lines above their own, and themselves.
-const LAYERS: [&[&str]; 7] = [
+const LAYERS: [&[&str]; 8] = [
     &["file", "progress", "rect"],
-    &["source", "work_folder"],
+    &["source"],
     &["tile"],
-    &["patch", "imagery", "writer"],
+    &["patch", "imagery", "work_folder"],
+    &["writer"],
     &["pipeline", "geotiff_write", "hillshade"],
     &["verify", "export"],
     &["cli", "main"],

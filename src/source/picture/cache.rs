@@ -1,13 +1,8 @@
 //! A cache of decoded blocks for all pictures of a build; the least recently used are dropped
 //! first.
 //!
-<<<<<<< ours
 //! If several threads want a block, one decodes it and the others wait. That cannot deadlock,
 //! because decoding never waits for a thread pool.
-=======
-//! A block that several threads want at once is decoded by one of them, the others wait. That is
-//! safe because decoding never waits for a thread pool.
->>>>>>> theirs
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
