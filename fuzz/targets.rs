@@ -392,7 +392,7 @@ fn piece_file(name: &str, content: &[u8]) -> Vec<u8> {
     if name.ends_with("/state") {
         let (body, rest) = first_part(content);
         let mut out = b"RLVSTATE".to_vec();
-        for word in [3, body.len() as u32, crc32fast::hash(body)] {
+        for word in [5, body.len() as u32, crc32fast::hash(body)] {
             out.extend(word.to_le_bytes());
         }
         out.extend(body);

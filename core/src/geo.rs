@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 /// The kind of the horizontal coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "write", derive(wincode::SchemaRead, wincode::SchemaWrite))]
 #[serde(rename_all = "lowercase")]
 pub enum CrsKind {
     /// Longitude and latitude, in `unit` radians.
@@ -25,6 +26,7 @@ pub enum CrsKind {
 
 /// An ellipsoid of revolution.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "write", derive(wincode::SchemaRead, wincode::SchemaWrite))]
 pub struct Ellipsoid {
     /// Semi-major axis in metres.
     pub a: f64,
@@ -37,6 +39,7 @@ pub const WGS84: Ellipsoid = Ellipsoid { a: 6_378_137.0, inverse_flattening: 298
 
 /// The GeoTIFF keys of the source, which an export writes back unchanged.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "write", derive(wincode::SchemaRead, wincode::SchemaWrite))]
 pub struct GeoKeys {
     /// Tag 34735.
     pub directory: Vec<u16>,
@@ -50,6 +53,7 @@ pub struct GeoKeys {
 
 /// A coordinate reference system, as far as the file states it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "write", derive(wincode::SchemaRead, wincode::SchemaWrite))]
 pub struct Crs {
     /// Geographic, projected or unknown.
     pub kind: CrsKind,
@@ -107,6 +111,7 @@ pub struct Spacing {
 
 /// Georeference of a raster.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "write", derive(wincode::SchemaRead, wincode::SchemaWrite))]
 pub struct Geo {
     /// GDAL geotransform (x0, dx/col, dx/row, y0, dy/col, dy/row) of pixel corners; `None` if the
     /// file has none.

@@ -12,15 +12,17 @@ use std::io::{BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
+use wincode::{SchemaRead, SchemaWrite};
 
 use crate::error::{Error, Result};
-use crate::pipeline::bytes::Reader;
 use crate::pipeline::child_summary::{self, ChildSummary};
+use crate::pipeline::encoding::{decode, encode};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::tile_work::TileWork;
 use crate::sample::Lattice;
 use crate::tile::TileId;
 
+/// Bytes of a [`Head`].
 const HEAD: usize = 18;
 /// Bytes of a frame, at most: a tile of 1024 intervals, not compressed.
 const MOST: usize = 64 << 20;
@@ -34,6 +36,17 @@ enum Kind {
     Summary,
     /// The tile's border samples.
     Border,
+}
+
+/// What stands before the frame of an item.
+#[derive(SchemaRead, SchemaWrite)]
+struct Head {
+    kind: u8,
+    level: u8,
+    x: u32,
+    y: u32,
+    length: u32,
+    crc: u32,
 }
 
 /// An item before it is written.
@@ -60,11 +73,9 @@ impl Item<'_> {
             }
             Self::Border(id, lattice) => (Kind::Border, id, child_summary::encode_border(lattice)?),
         };
-        let mut out = Vec::with_capacity(HEAD + frame.len());
-        out.extend_from_slice(&[kind as u8, id.level]);
-        for word in [id.x, id.y, frame.len() as u32, crc32fast::hash(&frame)] {
-            out.extend_from_slice(&word.to_le_bytes());
-        }
+        let TileId { level, x, y } = *id;
+        let (length, crc) = (frame.len() as u32, crc32fast::hash(&frame));
+        let mut out = encode(&Head { kind: kind as u8, level, x, y, length, crc })?;
         out.extend_from_slice(&frame);
         Ok(out)
     }
@@ -153,15 +164,17 @@ impl Carried {
     }
 
     fn head(head: &[u8; HEAD], file: usize, at: u64) -> Result<((Kind, u8, u32), Place)> {
-        let mut from = Reader::new(&head[2..]);
-        let kind = match head[0] {
+        let Head { kind, level, x, y, length, crc } = decode(head, "head of an item")?;
+        let kind = match kind {
             0 => Kind::Summary,
             1 => Kind::Border,
             other => return Err(Error::format(format!("item at offset {at}"), "kind 0 or 1", other)),
         };
-        let (x, y) = (from.word()?, from.word()?);
-        let (length, crc) = (from.number(MOST)?, from.word()?);
-        Ok(((kind, head[1], y), Place { x, file, offset: at + HEAD as u64, length, crc }))
+        let length = length as usize;
+        if length > MOST {
+            return Err(Error::format(format!("item at offset {at}"), format!("up to {MOST} bytes"), length));
+        }
+        Ok(((kind, level, y), Place { x, file, offset: at + HEAD as u64, length, crc }))
     }
 
     /// Summaries of the tiles of a row, from west to east; they are gone then.

@@ -4,11 +4,13 @@
 //! As bytes, for a build that goes on elsewhere or later, it is one zstd frame. Nothing is rounded:
 //! decoding returns what was encoded.
 
+use wincode::{SchemaRead, SchemaWrite};
+
 use crate::error::{Error, Result};
 use crate::patch::Errors;
 use crate::patch::blocks::Blocks;
 use crate::pipeline::buffers::Buffers;
-use crate::pipeline::bytes::{Reader, Writer, unpacked};
+use crate::pipeline::encoding::{from_planes, pack, planes, unpack};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::value_range::ValueRange;
 use crate::sample::{Lattice, VALID};
@@ -61,70 +63,78 @@ impl ChildSummary {
 
     /// The summary as bytes.
     pub fn encode(&self) -> Result<Vec<u8>> {
-        let mut out = Writer::default();
-        out.integers(&self.lattice.code);
-        out.integers(&self.lattice.low.iter().map(|low| low.cast_signed()).collect::<Vec<_>>());
-        out.bytes(&self.lattice.state);
-        out.integers(&self.blocks.min);
-        out.integers(&self.blocks.max);
-        out.bytes(&self.blocks.state);
-        let errors = &self.errors;
-        for steps in [&errors.vertical, &errors.horizontal, &errors.ahead_vertical, &errors.ahead_horizontal]
-        {
-            out.number(steps.len());
-            for step in steps {
-                out.number(step.len());
-                for error in step {
-                    out.bytes(&error.to_le_bytes());
-                }
-            }
-        }
-        out.bytes(&self.range.low.to_le_bytes());
-        out.bytes(&self.range.high.to_le_bytes());
-        out.packed()
+        let low: Vec<i32> = self.lattice.low.iter().map(|low| low.cast_signed()).collect();
+        let errors = self.errors.clone();
+        pack(&Stored {
+            code: planes(&self.lattice.code),
+            low: planes(&low),
+            state: self.lattice.state.clone(),
+            min: planes(&self.blocks.min),
+            max: planes(&self.blocks.max),
+            block_state: self.blocks.state.clone(),
+            errors: [errors.vertical, errors.horizontal, errors.ahead_vertical, errors.ahead_horizontal],
+            range: (self.range.low, self.range.high),
+        })
     }
 
     /// The inverse of [`ChildSummary::encode`], for the tiles of a plan.
     pub fn decode(packed: &[u8], plan: &Plan) -> Result<Self> {
         let (n, coding) = (plan.pyramid.tile, plan.recipe.coding);
         let half = n / 2;
-        let bytes = unpacked(packed, n)?;
-        let mut from = Reader::new(&bytes);
-        let count = (half + 1) * (half + 1);
-        let code = from.integers(count)?;
-        let low = if coding.has_low() { from.integers(count)? } else { Vec::new() };
-        let low = low.into_iter().map(i32::cast_unsigned).collect();
-        let lattice = Lattice { n: half, code, low, state: from.take(count)?.to_vec() };
+        let stored: Stored = unpack(packed, n)?;
+        let (samples, blocks) = ((half + 1) * (half + 1), half * half);
+        let low = from_planes(&stored.low, if coding.has_low() { samples } else { 0 })?;
+        let lattice = Lattice {
+            n: half,
+            code: from_planes(&stored.code, samples)?,
+            low: low.into_iter().map(i32::cast_unsigned).collect(),
+            state: states(stored.state, samples)?,
+        };
         let blocks = Blocks {
             n: half,
-            min: from.integers(half * half)?,
-            max: from.integers(half * half)?,
-            state: from.take(half * half)?.to_vec(),
+            min: from_planes(&stored.min, blocks)?,
+            max: from_planes(&stored.max, blocks)?,
+            state: states(stored.block_state, blocks)?,
         };
-        let mut steps = || -> Result<Vec<Vec<f64>>> {
-            let count = from.number(n)?;
-            (0..count)
-                .map(|_| {
-                    let count = from.number(n * n)?;
-                    (0..count).map(|_| from.float()).collect()
-                })
-                .collect()
-        };
-        let errors = Errors {
-            vertical: steps()?,
-            horizontal: steps()?,
-            ahead_vertical: steps()?,
-            ahead_horizontal: steps()?,
-        };
-        let range = ValueRange { low: from.float()?, high: from.float()? };
-        from.end()?;
+        let [vertical, horizontal, ahead_vertical, ahead_horizontal] = stored.errors;
+        let errors = Errors { vertical, horizontal, ahead_vertical, ahead_horizontal };
         let patches = n / plan.patch;
         if !errors.is_of(patches, plan.patch.trailing_zeros() as usize + 1) {
             let expected = format!("errors of {patches} x {patches} patches");
             return Err(Error::format("what a tile left for its parent", expected, "others"));
         }
-        Ok(Self { lattice, blocks, errors, range })
+        let (low, high) = stored.range;
+        Ok(Self { lattice, blocks, errors, range: ValueRange { low, high } })
     }
+}
+
+/// A summary as it is stored: numbers as [`planes`].
+#[derive(SchemaRead, SchemaWrite)]
+struct Stored {
+    code: Vec<u8>,
+    low: Vec<u8>,
+    state: Vec<u8>,
+    min: Vec<u8>,
+    max: Vec<u8>,
+    block_state: Vec<u8>,
+    errors: [Vec<Vec<f64>>; 4],
+    range: (f64, f64),
+}
+
+/// A border sample as it is stored.
+#[derive(SchemaRead, SchemaWrite)]
+struct BorderSample {
+    code: i32,
+    low: u32,
+    state: u8,
+}
+
+/// States of `count` samples or blocks.
+fn states(states: Vec<u8>, count: usize) -> Result<Vec<u8>> {
+    if states.len() == count {
+        return Ok(states);
+    }
+    Err(Error::format("what a tile left for its parent", format!("{count} states"), states.len()))
 }
 
 /// A square of a plane of samples or blocks.
@@ -149,30 +159,25 @@ impl Square {
 
 /// The border samples of a tile as bytes. Above the leaves, neighbours look at nothing else.
 pub fn encode_border(lattice: &Lattice) -> Result<Vec<u8>> {
-    let mut out = Writer::default();
-    for index in border(lattice.n) {
-        out.bytes(&lattice.code[index].to_le_bytes());
-        out.bytes(&lattice.low_at(index).to_le_bytes());
-        out.bytes(&[lattice.state[index]]);
-    }
-    out.packed()
+    let sample = |i| BorderSample { code: lattice.code[i], low: lattice.low_at(i), state: lattice.state[i] };
+    pack(&border(lattice.n).map(sample).collect::<Vec<_>>())
 }
 
 /// The inverse of [`encode_border`]: a lattice that is void within.
 pub fn decode_border(packed: &[u8], plan: &Plan) -> Result<Lattice> {
     let (n, coding) = (plan.pyramid.tile, plan.recipe.coding);
-    let bytes = unpacked(packed, n)?;
-    let mut from = Reader::new(&bytes);
-    let mut lattice = Lattice::new(n, coding);
-    for index in border(n) {
-        lattice.code[index] = from.word()? as i32;
-        let low = from.word()?;
-        if let Some(to) = lattice.low.get_mut(index) {
-            *to = low;
-        }
-        lattice.state[index] = from.take(1)?[0].min(VALID);
+    let samples: Vec<BorderSample> = unpack(packed, n)?;
+    if samples.len() != border(n).count() {
+        return Err(Error::format("border of a tile", format!("{} samples", 4 * n), samples.len()));
     }
-    from.end()?;
+    let mut lattice = Lattice::new(n, coding);
+    for (index, sample) in border(n).zip(samples) {
+        lattice.code[index] = sample.code;
+        if let Some(low) = lattice.low.get_mut(index) {
+            *low = sample.low;
+        }
+        lattice.state[index] = sample.state.min(VALID);
+    }
     Ok(lattice)
 }
 

@@ -5,14 +5,11 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
-
 /// Codes of a page, as many as a bin of the histogram has.
 const PAGE: usize = 64;
 
 /// Counts by code.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(into = "BTreeMap<u16, u64>", from = "BTreeMap<u16, u64>")]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Counts {
     /// Pages without a count are `None`; the last one has a count.
     pages: Vec<Option<Box<[u64; PAGE]>>>,
@@ -52,8 +49,8 @@ impl From<BTreeMap<u16, u64>> for Counts {
     }
 }
 
-impl From<Counts> for BTreeMap<u16, u64> {
-    fn from(counts: Counts) -> Self {
+impl From<&Counts> for BTreeMap<u16, u64> {
+    fn from(counts: &Counts) -> Self {
         counts.iter().collect()
     }
 }
@@ -74,7 +71,7 @@ mod tests {
             map.retain(|_, count| *count > 0);
             prop_assert_eq!(counts.iter().collect::<BTreeMap<_, _>>(), map.clone());
             prop_assert_eq!(Counts::from(map.clone()), counts.clone());
-            prop_assert_eq!(BTreeMap::from(counts), map);
+            prop_assert_eq!(BTreeMap::from(&counts), map);
         }
     }
 }

@@ -3,13 +3,14 @@
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
+use wincode::{SchemaRead, SchemaWrite};
 
 use crate::container::layout::Metric;
 use crate::error::{Error, Result};
 
 /// What a build is asked for. Options that do not change the file are not kept with the state of a
 /// build.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, SchemaRead, SchemaWrite)]
 pub struct BuildOptions {
     /// Intervals of a tile, a power of two in 16..=1024.
     pub tile: u32,
@@ -23,22 +24,28 @@ pub struct BuildOptions {
     pub nodata: Option<f64>,
     /// True if a warning is an error: then nothing is built.
     #[serde(skip)]
+    #[wincode(skip)]
     pub strict: bool,
     /// Threads; `None`: one for each core.
     #[serde(skip)]
+    #[wincode(skip)]
     pub jobs: Option<usize>,
     /// Replace an existing output, and an unfinished build of it.
     #[serde(skip)]
+    #[wincode(skip)]
     pub force: bool,
     /// Go on with an unfinished build, if there is one.
     #[serde(skip)]
+    #[wincode(skip)]
     pub resume: bool,
     /// Time between two checkpoints. `None`: [`CHECKPOINT`].
     #[serde(skip)]
+    #[wincode(skip)]
     pub checkpoint: Option<Duration>,
     /// Bytes of memory that the build keeps within, in several passes over strips of columns if it
     /// must. `None`: no limit.
     #[serde(skip)]
+    #[wincode(skip)]
     pub memory: Option<u64>,
 }
 

@@ -1,20 +1,18 @@
-//! The state of a build in its work folder: all that is needed to go on, or to merge a finished
-//! window.
+//! [`State`]: all that is needed to resume a build, or to merge a finished window, as it stands in
+//! the work folder.
 //!
-//! The chunks, the list of tiles and the carry file lie beside it; the state says how far they
-//! count. It is a head of 20 bytes (magic, version, length and CRC of what follows; little endian),
-//! CBOR (RFC 8949), and the items that stood in the sweep (see `carry`).
-//!
-//! JSON would not do: it has no NaN and no infinity, which a nodata value may be, and a state that
-//! loses one is of another build.
+//! Chunks, list of tiles and carry file lie beside it; the state says how far they count. It is a
+//! head of 20 bytes (magic, version, length and CRC of what follows; little endian), the
+//! [`encoding`](super::encoding) of [`State`], and the items that were in the sweep (see `carry`).
 
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
+use wincode::{SchemaRead, SchemaWrite};
 
 use crate::error::{Error, Result};
 use crate::file;
 use crate::pipeline::carry::Carried;
+use crate::pipeline::encoding::{decode, encode};
 use crate::pipeline::options::BuildOptions;
 use crate::pipeline::statistics::StatisticsBuilder;
 use crate::rect::Rect;
@@ -23,14 +21,16 @@ use crate::work_folder::{Mark, state_path};
 
 const MAGIC: &[u8; 8] = b"RLVSTATE";
 /// Goes up with every change to the state, the carried items, the list of tiles, or the chunks.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 const HEAD: usize = 20;
 /// Bytes of a state, at most: rows of the widest raster stand in it.
 const MOST: u64 = 1 << 36;
 
 /// What a build is of, and how far it is.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, SchemaRead, SchemaWrite)]
 pub struct State {
+    /// How far the files count.
+    pub mark: Mark,
     /// The program that wrote it.
     pub tool: String,
     /// The source as it was.
@@ -48,8 +48,6 @@ pub struct State {
     pub largest: f64,
     /// Rows of leaf tiles from the window's first up to this one are finished.
     pub next: u32,
-    /// How far the files count.
-    pub mark: Mark,
     /// Name and length of the carry file.
     pub carry: (String, u64),
     /// What has been counted.
@@ -59,7 +57,7 @@ pub struct State {
 impl State {
     /// The state file up to what stood in the sweep.
     pub fn encode(&self) -> Result<Vec<u8>> {
-        let body = exactly(self)?;
+        let body = encode(self)?;
         let length = u32::try_from(body.len())
             .map_err(|_| Error::limit("bytes of the state of a build", body.len() as u64, u32::MAX.into()))?;
         let mut out = Vec::with_capacity(HEAD + body.len());
@@ -104,9 +102,7 @@ impl State {
                 "damaged ones; begin anew with --force",
             ));
         };
-        let state = ciborium::from_reader(body)
-            .map_err(|error| Error::format("state", "what this program writes", error))?;
-        Ok((state, end))
+        Ok((decode(body, "state")?, end))
     }
 
     /// Fails, saying what differs, unless a build of this source and these options gives the same
@@ -117,7 +113,7 @@ impl State {
         } else if let Some(what) = self.options.difference(&now.options) {
             // Before what the input says: some options are about that.
             Some(format!("the options have changed since: {what}"))
-        } else if exactly(&self.info)? != exactly(&now.info)? {
+        } else if encode(&self.info)? != encode(&now.info)? {
             Some("the input says other things of itself than it did".to_owned())
         } else if self.window != now.window {
             Some(format!("the window was {}, now it is {}", self.window, now.window))
@@ -134,15 +130,6 @@ impl State {
             folder.display()
         )))
     }
-}
-
-/// A value as bytes from which it comes back bit for bit. They are equal where values are, a NaN to
-/// itself too.
-fn exactly(value: &impl Serialize) -> Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    ciborium::into_writer(value, &mut bytes)
-        .map_err(|error| Error::usage(format!("the state of the build cannot be written: {error}")))?;
-    Ok(bytes)
 }
 
 /// The first file that is not as it was.

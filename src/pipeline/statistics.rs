@@ -3,7 +3,10 @@
 //! Every stored error is counted by its code, so that percentiles are exact and the order of tiles
 //! does not matter.
 
-use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+use wincode::adapter::FromInto;
+use wincode::{SchemaRead, SchemaWrite};
 
 use crate::container::layout::Header;
 use crate::container::metadata::{ErrorStatistics, LevelStatistics, Statistics, StepStatistics};
@@ -15,16 +18,15 @@ use crate::pipeline::tile_work::Finished;
 use crate::pipeline::value_range::ValueRange;
 
 /// The counts of all levels.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, SchemaRead, SchemaWrite)]
 pub struct StatisticsBuilder {
     levels: Vec<LevelBuilder>,
-    /// ValueRange of the values of all leaves, and of those that do not look like void; `None`
+    /// Range of the values of all leaves, and of those that do not look like void; `None`
     /// while there are none.
-    #[serde(default)]
     values: [Option<(f64, f64)>; 2],
 }
 
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, SchemaRead, SchemaWrite)]
 struct LevelBuilder {
     tiles: u64,
     patches: u64,
@@ -34,10 +36,12 @@ struct LevelBuilder {
     steps: Vec<StepBuilder>,
 }
 
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, SchemaRead, SchemaWrite)]
 struct StepBuilder {
     spacing_m: [f64; 2],
+    #[wincode(with = "FromInto<BTreeMap<u16, u64>, _>")]
     vertical: Counts,
+    #[wincode(with = "FromInto<BTreeMap<u16, u64>, _>")]
     horizontal: Counts,
 }
 
@@ -91,7 +95,7 @@ impl StatisticsBuilder {
         alike
     }
 
-    /// ValueRange of the values of all leaves, and of those that do not look like void.
+    /// Range of the values of all leaves, and of those that do not look like void.
     pub fn values(&self) -> [ValueRange; 2] {
         self.values.map(|range| range.map_or(ValueRange::EMPTY, |(low, high)| ValueRange { low, high }))
     }
@@ -201,6 +205,7 @@ pub fn distribution(counts: &Counts) -> ErrorStatistics {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pipeline::encoding;
 
     #[test]
     fn every_number_comes_back_from_a_state() {
@@ -217,9 +222,8 @@ mod tests {
                 ..LevelBuilder::default()
             };
             let statistics = StatisticsBuilder { levels: vec![level], values: [Some((low, high)), None] };
-            let mut bytes = Vec::new();
-            ciborium::into_writer(&statistics, &mut bytes).expect("bytes");
-            let back: StatisticsBuilder = ciborium::from_reader(&bytes[..]).expect("statistics");
+            let bytes = encoding::encode(&statistics).expect("bytes");
+            let back: StatisticsBuilder = encoding::decode(&bytes, "statistics").expect("statistics");
             assert_eq!(format!("{back:?}"), format!("{statistics:?}"));
         }
     }

@@ -23,7 +23,7 @@ impl ValueRange {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// ValueRange of the samples that have a height, filled or valid, and of the valid ones alone.
+    /// Range of the samples that have a height, filled or valid, and of the valid ones alone.
     pub fn of(lattice: &Lattice, coding: Coding) -> [Self; 2] {
         if coding.has_low() {
             return [FILLED, VALID].map(|least| {

@@ -142,15 +142,28 @@ fn name(geo: &Geo) -> String {
 mod tests {
     use super::*;
     use crate::crs;
+    use crate::sample::SampleType;
 
     fn info(crs: &str, transform: [f64; 6], size: (u32, u32)) -> SourceInfo {
         let geo = Geo { transform: Some(transform), pixel_is_point: false, crs: crs::read(crs).expect(crs) };
-        let description = serde_json::json!({
-            "width": size.0, "height": size.1, "sample_type": "int16", "nodata": null, "band_scale": 1.0,
-            "band_offset": 0.0, "vertical_unit": [1.0, "m"], "geo": geo, "description": "", "parts": [],
-            "footprint": null, "overlap": null, "block_rows": 1
-        });
-        serde_json::from_value(description).expect("description")
+        SourceInfo {
+            width: size.0,
+            height: size.1,
+            sample_type: SampleType::Int16,
+            nodata: None,
+            band_scale: 1.0,
+            band_offset: 0.0,
+            vertical_unit: (1.0, "m".to_owned()),
+            geo,
+            description: String::new(),
+            parts: Vec::new(),
+            footprint: None,
+            overlap: None,
+            block_rows: 1,
+            reading: crate::source::ReadMemory::default(),
+            warnings: Vec::new(),
+            origins: crate::source::Origins::default(),
+        }
     }
 
     #[test]

@@ -30,6 +30,7 @@ use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
 use serde::{Deserialize, Serialize};
+use wincode::{SchemaRead, SchemaWrite};
 
 pub use self::account::{Origin, Origins};
 pub use self::nodata::Nodata;
@@ -42,7 +43,7 @@ pub use crate::rect::Rect;
 use crate::sample::SampleType;
 
 /// A file that samples come from, as recorded in the container.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, SchemaRead, SchemaWrite)]
 pub struct Part {
     /// Name of the file, without its folder.
     pub name: String,
@@ -51,7 +52,7 @@ pub struct Part {
 }
 
 /// The properties of a raster, known when it is opened.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, SchemaRead, SchemaWrite)]
 pub struct SourceInfo {
     /// Columns.
     pub width: u32,
@@ -83,14 +84,11 @@ pub struct SourceInfo {
     /// Rows of a block of the file (a strip or a row of tiles): reading whole ones is cheapest.
     pub block_rows: u32,
     /// Memory that reading the raster takes.
-    #[serde(default)]
     pub reading: ReadMemory,
     /// Oddities of the raster and decisions about it, a sentence each: what was found, and what can
     /// be done.
-    #[serde(default)]
     pub warnings: Vec<String>,
     /// Where place, coordinate system, nodata, unit, scale, offset and mask were found.
-    #[serde(default)]
     pub origins: Origins,
 }
 
@@ -103,8 +101,7 @@ impl SourceInfo {
 
 /// Most bytes of memory that reading a raster takes. Whole blocks are decoded, even for a small
 /// window.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, SchemaRead, SchemaWrite)]
 pub struct ReadMemory {
     /// Bytes for each sample of a window while it is read, including the window itself.
     pub sample: u64,
@@ -348,14 +345,14 @@ pub trait Source: Send + Sync {
 }
 
 /// The state of all files of a source, to tell whether it has changed.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, SchemaRead, SchemaWrite)]
 pub struct Fingerprint {
     /// All files that samples come from.
     pub files: Vec<FileStamp>,
 }
 
 /// The state of one file.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, SchemaRead, SchemaWrite)]
 pub struct FileStamp {
     /// Name of the file, without its folder.
     pub name: String,

@@ -6,6 +6,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use wincode::{SchemaRead, SchemaWrite};
 
 use super::cropped::{self, Bbox};
 #[cfg(feature = "gdal")]
@@ -239,7 +240,7 @@ pub struct OpenOptions {
 
 /// Which valid sample counts where files overlap. A void in one file never hides a valid sample of
 /// another.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, SchemaRead, SchemaWrite)]
 #[serde(rename_all = "lowercase")]
 pub enum Overlap {
     /// The sample of the first file, in the order given.

@@ -3,6 +3,8 @@
 //! A row is appended with every tile. The list is read back when a build is resumed or a piece is
 //! merged. It is not part of the container format.
 
+use wincode::{SchemaRead, SchemaWrite};
+
 use crate::TileId;
 use crate::container::directory::{ChunkPlace, TileEntry};
 use crate::error::{Error, Result};
@@ -12,61 +14,74 @@ const SAYS: usize = 55;
 /// Bytes of one row: what it says, and the CRC of that.
 pub(super) const BYTES: usize = SAYS + 4;
 
+/// What a row says, as it is stored.
+#[derive(SchemaRead, SchemaWrite)]
+struct Row {
+    level: u8,
+    x: u32,
+    y: u32,
+    children: u8,
+    /// Bit 0: the tile has a valid sample; bit 1: it has a void one.
+    flags: u8,
+    vertical: u16,
+    horizontal: u16,
+    min_m: f32,
+    max_m: f32,
+    offset: u64,
+    lengths: [u32; 3],
+    crcs: [u32; 3],
+}
+
 /// A row as bytes, little endian.
-pub(super) fn encode(entry: &TileEntry) -> [u8; BYTES] {
-    let mut out = [0; BYTES];
-    let mut at = 0;
-    let mut put = |bytes: &[u8]| {
-        out[at..at + bytes.len()].copy_from_slice(bytes);
-        at += bytes.len();
+pub(super) fn encode(entry: &TileEntry) -> Result<[u8; BYTES]> {
+    let row = Row {
+        level: entry.id.level,
+        x: entry.id.x,
+        y: entry.id.y,
+        children: entry.children,
+        flags: u8::from(entry.has_valid) | u8::from(entry.has_void) << 1,
+        vertical: entry.vertical,
+        horizontal: entry.horizontal,
+        min_m: entry.min_m,
+        max_m: entry.max_m,
+        offset: entry.chunks.offset,
+        lengths: entry.chunks.lengths,
+        crcs: entry.chunks.crcs,
     };
-    put(&[entry.id.level]);
-    put(&entry.id.x.to_le_bytes());
-    put(&entry.id.y.to_le_bytes());
-    put(&[entry.children, u8::from(entry.has_valid) | u8::from(entry.has_void) << 1]);
-    put(&entry.vertical.to_le_bytes());
-    put(&entry.horizontal.to_le_bytes());
-    put(&entry.min_m.to_le_bytes());
-    put(&entry.max_m.to_le_bytes());
-    put(&entry.chunks.offset.to_le_bytes());
-    for number in entry.chunks.lengths.into_iter().chain(entry.chunks.crcs) {
-        put(&number.to_le_bytes());
-    }
+    let mut out = [0; BYTES];
+    wincode::serialize_into(&mut out[..SAYS], &row)
+        .map_err(|error| Error::usage(format!("a tile cannot be listed: {error}")))?;
     let crc = crc32fast::hash(&out[..SAYS]);
     out[SAYS..].copy_from_slice(&crc.to_le_bytes());
-    out
+    Ok(out)
 }
 
 /// The inverse of [`encode`].
 pub(super) fn decode(bytes: &[u8; BYTES]) -> Result<TileEntry> {
-    let u16_at = |at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
-    let u32_at = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
-    let three = |at: usize| [u32_at(at), u32_at(at + 4), u32_at(at + 8)];
-    if crc32fast::hash(&bytes[..SAYS]) != u32_at(SAYS) {
+    let (says, crc) = bytes.split_at(SAYS);
+    if crc32fast::hash(says).to_le_bytes() != *crc {
         return Err(Error::format(
             "list of tiles of an unfinished build",
             "the bytes that were written",
             "damaged ones; begin anew with --force",
         ));
     }
-    let entry = TileEntry {
-        id: TileId::new(bytes[0], u32_at(1), u32_at(5)),
-        children: bytes[9],
-        has_valid: bytes[10] & 1 != 0,
-        has_void: bytes[10] & 2 != 0,
-        vertical: u16_at(11),
-        horizontal: u16_at(13),
-        min_m: f32::from_bits(u32_at(15)),
-        max_m: f32::from_bits(u32_at(19)),
-        chunks: ChunkPlace {
-            offset: u64::from(u32_at(23)) | u64::from(u32_at(27)) << 32,
-            lengths: three(31),
-            crcs: three(43),
-        },
-    };
-    if bytes[10] > 3 {
-        return Err(Error::format("row of the work folder", "flags 0 to 3", bytes[10]));
+    let row: Row = wincode::deserialize_exact(says)
+        .map_err(|error| Error::format("row of the work folder", "what this program writes", error))?;
+    if row.flags > 3 {
+        return Err(Error::format("row of the work folder", "flags 0 to 3", row.flags));
     }
+    let entry = TileEntry {
+        id: TileId::new(row.level, row.x, row.y),
+        children: row.children,
+        has_valid: row.flags & 1 != 0,
+        has_void: row.flags & 2 != 0,
+        vertical: row.vertical,
+        horizontal: row.horizontal,
+        min_m: row.min_m,
+        max_m: row.max_m,
+        chunks: ChunkPlace { offset: row.offset, lengths: row.lengths, crcs: row.crcs },
+    };
     entry.check()?;
     Ok(entry)
 }
@@ -91,13 +106,13 @@ mod tests {
 
     #[test]
     fn rows_come_back() {
-        assert_eq!(decode(&encode(&entry())).expect("row"), entry());
+        assert_eq!(decode(&encode(&entry()).expect("bytes")).expect("row"), entry());
     }
 
     #[test]
     fn a_damaged_row_is_refused() {
         for bit in 0..8 * BYTES {
-            let mut row = encode(&entry());
+            let mut row = encode(&entry()).expect("bytes");
             row[bit / 8] ^= 1 << (bit % 8);
             assert!(decode(&row).is_err(), "bit {bit}");
         }

@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
+use wincode::{SchemaRead, SchemaWrite};
 
 use super::folder::{WorkFolder, open_file};
 use super::level_file::{ADOPTED, Adopted, BUFFER, LevelFile, level_file, level_name};
@@ -19,7 +19,7 @@ use crate::error::{Error, Result};
 const LIST: &str = "records";
 
 /// How far the files of a store have come: what a resumed build keeps of them.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, SchemaRead, SchemaWrite)]
 pub struct Mark {
     /// Bytes of each level's chunks, root first.
     pub levels: Vec<u64>,
@@ -75,8 +75,9 @@ impl TileStore {
             Ok(offset) => entry.chunks.offset = offset,
             Err(source) => return failed(&self.folder, &format!("write tile {id}"), source),
         }
+        let row = tile_list::encode(entry)?;
         self.failed = true;
-        if let Err(source) = self.list.write_all(&tile_list::encode(entry)) {
+        if let Err(source) = self.list.write_all(&row) {
             return failed(&self.folder, &format!("list tile {id}"), source);
         }
         self.failed = false;

@@ -27,6 +27,7 @@ const QUANTISED: u16 = 4;
 
 /// The meaning of the errors of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "write", derive(wincode::SchemaRead, wincode::SchemaWrite))]
 #[serde(rename_all = "lowercase")]
 #[repr(u8)]
 pub enum Metric {

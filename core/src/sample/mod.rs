@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 /// Type of the samples of a source raster, with the number that the container header stores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "write", derive(wincode::SchemaRead, wincode::SchemaWrite))]
 #[serde(rename_all = "lowercase")]
 #[repr(u8)]
 pub enum SampleType {

@@ -143,3 +143,33 @@ proptest! {
         prop_assert!(State::decode(&bytes).is_err());
     }
 }
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+    #[test]
+    fn truncated_and_older_states_are_refused(state in state(), version in 0..VERSION) {
+        let bytes = state.encode().expect("bytes");
+        for end in 0..bytes.len() {
+            prop_assert!(State::decode(&bytes[..end]).is_err(), "{} of {}", end, bytes.len());
+        }
+        let mut older = bytes;
+        older[8..12].copy_from_slice(&version.to_le_bytes());
+        let refused = State::decode(&older).expect_err("an older state").to_string();
+        prop_assert!(refused.contains("version of the state") && refused.contains("begin anew"), "{}", refused);
+    }
+}
+
+#[test]
+fn a_body_that_lies_under_a_checksum_that_fits_is_refused() {
+    // The first list of a state is that of the mark: its length comes first.
+    for count in [1_u64 << 20, 1 << 40, u64::MAX] {
+        let mut body = count.to_le_bytes().to_vec();
+        body.extend([0; 100]);
+        let mut bytes = MAGIC.to_vec();
+        for word in [VERSION, body.len() as u32, crc32fast::hash(&body)] {
+            bytes.extend(word.to_le_bytes());
+        }
+        bytes.extend(body);
+        assert!(State::decode(&bytes).is_err(), "{count}");
+    }
+}

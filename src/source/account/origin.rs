@@ -3,12 +3,11 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use serde::{Deserialize, Serialize};
+use wincode::{SchemaRead, SchemaWrite};
 
 /// Where a property of a raster was found. Names are of files, without folders; empty if each
 /// raster of a mosaic has its own.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Debug, PartialEq, Eq, SchemaRead, SchemaWrite)]
 pub enum Origin {
     /// A tag of the TIFF, by number.
     Tag(u16),
@@ -83,8 +82,7 @@ impl Origin {
 }
 
 /// Where each property of a raster was found; `None` for one that is not given.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, SchemaRead, SchemaWrite)]
 pub struct Origins {
     /// The geotransform.
     pub place: Option<Origin>,
