@@ -1,7 +1,8 @@
 //! Makes large, realistic terrain as a GeoTIFF, to try the builder on rasters of any size.
 //!
 //! ```text
-//! cargo run --release --example synth -- 16385 out.tif [--height N] [--type int16|float32] [--sea] [--voids]
+//! cargo run --release --example synth -- 16385 out.tif [--height N] [--type int16|float32]
+//!     [--sea] [--voids]
 //!                                        [--seed N] [--compress none|deflate|zstd] [--force]
 //! ```
 //!

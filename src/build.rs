@@ -17,7 +17,8 @@ use crate::source::picture::Picture;
 /// use relevo::{Build, Reader, source};
 ///
 /// # fn main() -> relevo::Result<()> {
-/// # let dem = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dem/rmnp_dem_uint16.tif");
+/// # let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+/// # let dem = root.join("fixtures/dem/rmnp_dem_uint16.tif");
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let output = folder.path().join("rmnp.rlv");
 /// let source = source::open(&dem, &relevo::Limits::default())?;
@@ -136,7 +137,8 @@ impl<'a> Build<'a> {
     ///
     /// # Errors
     /// Those of the source and of the system; on any of them no output is written. If the build has
-    /// reached its first checkpoint its work folder stays, and [`Build::resume`] goes on from there.
+    /// reached its first checkpoint its work folder stays, and [`Build::resume`] goes on from
+    /// there.
     pub fn run(&self, output: &Path) -> Result<Report> {
         pipeline::build_with(self.source, self.imagery.as_ref(), output, &self.options, self.progress)
     }

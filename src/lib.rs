@@ -1,8 +1,8 @@
 //! Makes one streamable tile pyramid (`.rlv`) of digital elevation models and imagery of any size,
 //! with a proven geometric error for every patch at every tessellation step.
 //!
-//! [`relevo_core`], whose names are here too, reads such files and chooses what to draw of them; it is
-//! all that a renderer needs. `format-spec.md` describes the bytes, `ARCHITECTURE.md` the code.
+//! [`relevo_core`], whose names are here too, reads such files and chooses what to draw of them; it
+//! is all that a renderer needs. `format-spec.md` describes the bytes, `ARCHITECTURE.md` the code.
 //!
 //! # Build a file
 //!
@@ -12,7 +12,8 @@
 //! use relevo::{Build, Limits, Reader, TileId, source, surface};
 //!
 //! # fn main() -> relevo::Result<()> {
-//! let dem = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/dem/rmnp_dem_uint16.tif");
+//! # let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+//! let dem = root.join("fixtures/dem/rmnp_dem_uint16.tif");
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let output = folder.path().join("rmnp.rlv");
 //! let source = source::open(&dem, &Limits::default())?;

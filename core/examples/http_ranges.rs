@@ -1,4 +1,5 @@
-//! Reads a `.rlv` file from a server that knows ranges, and asks it for a height: no more is loaded than that takes.
+//! Reads a `.rlv` file from a server that knows ranges, and asks it for a height: no more is loaded
+//! than that takes.
 //!
 //! `cargo run -p relevo-core --example http_ranges -- http://localhost:8000/dem.rlv 441000 4471000`
 

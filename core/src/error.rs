@@ -172,10 +172,10 @@ impl Error {
             | Self::Unsupported { path, .. }
             | Self::Limit { path, .. }
             | Self::OutOfMemory { path, .. }
-            | Self::Changed { path, .. } => {
-                if path.as_os_str().is_empty() {
-                    file.clone_into(path);
-                }
+            | Self::Changed { path, .. }
+                if path.as_os_str().is_empty() =>
+            {
+                file.clone_into(path);
             }
             _ => {}
         }

@@ -8,7 +8,7 @@
 //! - if the vertex is valid and the surface is drawn there: the distance on the screen between both
 //!   points;
 //! - if it is valid and no surface is drawn there, or void and a surface is: the distance on the
-//!   screen to the nearest points of the outline at full resolution (as [`crate::verify`]
+//!   screen to the nearest points of the outline at full resolution (as `relevo::verify`
 //!   measures), at the same height.
 //!
 //! Vertices that cannot have a larger error than the largest of their patch so far are skipped, by

@@ -11,8 +11,8 @@
 //! c-------d       c-------d       +-------+       +---+---+
 //! ```
 //!
-//! a, b, c and d are corners 0 to 3, and 0 and 1 the triangles. Cells are falling where column + row
-//! is even, so the diagonals alternate, and every drawn triangle is a union of finer ones.
+//! a, b, c and d are corners 0 to 3, and 0 and 1 the triangles. Cells are falling where column +
+//! row is even, so the diagonals alternate, and every drawn triangle is a union of finer ones.
 
 /// A linear function over a cell: `at + dx * x + dy * y`, `x`, `y` in fine intervals from the
 /// cell's north-west corner.

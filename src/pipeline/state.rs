@@ -90,7 +90,7 @@ impl State {
         let word = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
         if word(8) != VERSION {
             let expected =
-                format!("{VERSION}: finish it with the program that began it, or begin anew with --force");
+                format!("{VERSION}: finish it with the program that began it, or begin anew by `force`");
             return Err(Error::format("version of the state", expected, word(8)));
         }
         let end = HEAD + word(12) as usize;
@@ -99,7 +99,7 @@ impl State {
             return Err(Error::format(
                 "state",
                 "the bytes that were written",
-                "damaged ones; begin anew with --force",
+                "damaged ones; begin anew by `force`",
             ));
         };
         Ok((decode(body, "state")?, end))
@@ -126,7 +126,7 @@ impl State {
             return Ok(());
         };
         Err(Error::usage(format!(
-            "{}: cannot go on with this build: {differs}; --force begins anew",
+            "{}: cannot go on with this build: {differs}; `force` begins anew",
             folder.display()
         )))
     }

@@ -63,7 +63,7 @@ pub(super) fn decode(bytes: &[u8; BYTES]) -> Result<TileEntry> {
         return Err(Error::format(
             "list of tiles of an unfinished build",
             "the bytes that were written",
-            "damaged ones; begin anew with --force",
+            "damaged ones; begin anew by `force`",
         ));
     }
     let row: Row = wincode::deserialize_exact(says)

@@ -219,7 +219,8 @@ impl Header {
     /// # use relevo_core::{Reader, TileId};
     /// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/vectors/int16-degrees.rlv");
     /// # let reader = Reader::open(path)?;
-    /// assert!(reader.header().holds(TileId::new(3, 4, 3)) && !reader.header().holds(TileId::new(3, 5, 3)));
+    /// let header = reader.header();
+    /// assert!(header.holds(TileId::new(3, 4, 3)) && !header.holds(TileId::new(3, 5, 3)));
     /// # Ok::<(), relevo_core::Error>(())
     /// ```
     pub fn holds(&self, id: TileId) -> bool {

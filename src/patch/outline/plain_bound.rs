@@ -1,5 +1,5 @@
-//! The horizontal errors against a plain bound that shares no code with them: a distance transform over
-//! the half lattice, plus half a cell's diagonal.
+//! The horizontal errors against a plain bound that shares no code with them: a distance transform
+//! over the half lattice, plus half a cell's diagonal.
 
 use super::leaf;
 use super::tests::{Oracle, Spacing, mask, square, validity};
