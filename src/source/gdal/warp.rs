@@ -134,18 +134,18 @@ impl Original {
         if !self.placed {
             return Err(Error::unsupported(
                 "it has no geotransform",
-                "place it with gdal_translate -a_ullr, or leave out --crs, --resolution and --resampling",
+                "place it with gdal_translate -a_ullr, or do not warp it",
             ));
         }
         let own = self.spatial.as_ref().map(Horizontal::of);
         match (&own, target) {
             (None, Some(target)) => Err(Error::unsupported(
                 format!("it has no coordinate system to warp to {} from", target.crs.name),
-                "give it its own with gdal_edit.py -a_srs, or leave out --crs",
+                "give it its own with gdal_edit.py -a_srs, or leave `crs` out",
             )),
             (Some(own), None) => Err(Error::unsupported(
                 format!("it is in {}, and the first DEM in no coordinate system", own.crs.name),
-                "give --crs, and the first DEM its own with gdal_edit.py -a_srs",
+                "give `crs`, and the first DEM its own with gdal_edit.py -a_srs",
             )),
             (None, None) => Ok((None, None)),
             (Some(own), Some(target)) => {
@@ -169,7 +169,7 @@ fn check_vertical(own: &Horizontal, target: &Horizontal) -> Result<()> {
     if known && !same {
         return Err(Error::unsupported(
             format!("its heights are in {}, not in {}", from.vertical_name, to.vertical_name),
-            "heights are not moved between vertical systems: give --crs without its vertical part, or use gdalwarp",
+            "heights are not moved between vertical systems: give `crs` without its vertical part, or use gdalwarp",
         ));
     }
     Ok(())
