@@ -10,6 +10,7 @@ mod blocks;
 pub(super) mod describe;
 pub(super) mod files;
 mod operation;
+pub(super) mod picture;
 mod target;
 pub mod warp;
 mod warped;

@@ -21,23 +21,23 @@ const ALPHA_BLOCKS: usize = 64;
 
 /// The size of a raster and of its blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Shape {
-    pub(super) width: u32,
-    pub(super) height: u32,
-    pub(super) block_width: u32,
-    pub(super) block_height: u32,
+pub(in crate::source) struct Shape {
+    pub(in crate::source) width: u32,
+    pub(in crate::source) height: u32,
+    pub(in crate::source) block_width: u32,
+    pub(in crate::source) block_height: u32,
 }
 
 /// Samples of some bands of one block, in the order requested.
-pub(super) struct Raw {
+pub(in crate::source) struct Raw {
     /// Byte buffers, in this machine's byte order.
-    pub(super) bytes: Vec<Vec<u8>>,
+    pub(in crate::source) bytes: Vec<Vec<u8>>,
     /// For each band: index into `bytes`, index of its first sample, and stride between samples.
-    pub(super) planes: Vec<(usize, usize, usize)>,
+    pub(in crate::source) planes: Vec<(usize, usize, usize)>,
 }
 
 /// A raster whose blocks can be read as raw samples.
-pub(super) trait Blocks: Send + Sync {
+pub(in crate::source) trait Blocks: Send + Sync {
     /// Size of the raster and of its blocks.
     fn shape(&self) -> Shape;
     /// True if the file lacks this block for all these bands: its samples are nodata, or 0.
@@ -60,21 +60,21 @@ pub(super) trait Blocks: Send + Sync {
 }
 
 /// The parts of a picture.
-pub(super) struct PictureParts {
-    pub(super) blocks: Box<dyn Blocks>,
-    pub(super) conversion: Conversion,
-    pub(super) geo: Geo,
-    pub(super) note: PictureNote,
+pub(in crate::source) struct PictureParts {
+    pub(in crate::source) blocks: Box<dyn Blocks>,
+    pub(in crate::source) conversion: Conversion,
+    pub(in crate::source) geo: Geo,
+    pub(in crate::source) note: PictureNote,
     /// See [`PictureInfo::has_alpha`].
-    pub(super) has_alpha: bool,
+    pub(in crate::source) has_alpha: bool,
     /// A mask of the same size, 0 where the picture is transparent.
-    pub(super) mask: Option<(Box<dyn Blocks>, Conversion)>,
+    pub(in crate::source) mask: Option<(Box<dyn Blocks>, Conversion)>,
     /// Sidecars that were read.
-    pub(super) beside: Vec<PathBuf>,
+    pub(in crate::source) beside: Vec<PathBuf>,
     /// True if a world file gives the place.
-    pub(super) placed_beside: bool,
+    pub(in crate::source) placed_beside: bool,
     /// Oddities of the picture, a sentence each.
-    pub(super) warnings: Vec<String>,
+    pub(in crate::source) warnings: Vec<String>,
 }
 
 /// Blocks and their conversion.
@@ -87,7 +87,7 @@ struct Layer {
 }
 
 /// A picture made of blocks.
-pub(super) struct BlockPicture {
+pub(in crate::source) struct BlockPicture {
     info: PictureInfo,
     layer: Layer,
     mask: Option<Layer>,
@@ -104,7 +104,7 @@ impl Shape {
     }
 
     /// Columns and rows of a block, in the raster.
-    pub(super) fn window(&self, block: usize) -> (Range<u32>, Range<u32>) {
+    pub(in crate::source) fn window(&self, block: usize) -> (Range<u32>, Range<u32>) {
         let (column, row) = (block % self.across() as usize, block / self.across() as usize);
         let (left, top) = (column as u32 * self.block_width, row as u32 * self.block_height);
         let right = u64::from(left) + u64::from(self.block_width);
@@ -241,25 +241,25 @@ impl BlockPicture {
 
     /// Sample type and number of colour bands if they can be stretched; `None` for bits and
     /// palettes.
-    pub(super) fn stretchable(&self) -> Option<(SampleType, usize)> {
+    pub(in crate::source) fn stretchable(&self) -> Option<(SampleType, usize)> {
         let conversion = &self.layer.conversion;
         (conversion.palette.is_none() && !conversion.is_bit)
             .then_some((conversion.kind, conversion.colours.len()))
     }
 
     /// Number of blocks.
-    pub(super) fn blocks(&self) -> usize {
+    pub(in crate::source) fn blocks(&self) -> usize {
         self.layer.blocks.shape().blocks()
     }
 
     /// Number of pixels.
-    pub(super) fn pixels(&self) -> u64 {
+    pub(in crate::source) fn pixels(&self) -> u64 {
         u64::from(self.info.width) * u64::from(self.info.height)
     }
 
     /// Values of each colour band at opaque pixels of a block: about `most` of them, or with `None`
     /// the least and the greatest.
-    pub(super) fn values(&self, block: usize, most: Option<usize>) -> Result<Vec<Vec<f64>>> {
+    pub(in crate::source) fn values(&self, block: usize, most: Option<usize>) -> Result<Vec<Vec<f64>>> {
         let (layer, shape) = (&self.layer, self.layer.blocks.shape());
         let conversion = &layer.conversion;
         let mut values = vec![Vec::new(); conversion.colours.len()];
@@ -301,7 +301,7 @@ impl BlockPicture {
 
     /// Finds out whether 16-bit alpha uses only the lower 8 bits, as some writers do: if it is
     /// nowhere above 255, then 255 is opaque. Some of the blocks are examined.
-    pub(super) fn settle_alpha(&mut self, limits: &Limits) -> Result<()> {
+    pub(in crate::source) fn settle_alpha(&mut self, limits: &Limits) -> Result<()> {
         let layer = &self.layer;
         if layer.conversion.alpha.is_none() || layer.conversion.kind != SampleType::Uint16 {
             return Ok(());
@@ -328,7 +328,7 @@ impl BlockPicture {
     }
 
     /// Sets the values that become 0 and 255.
-    pub(super) fn set_stretch(&mut self, ranges: &[(f64, f64)]) {
+    pub(in crate::source) fn set_stretch(&mut self, ranges: &[(f64, f64)]) {
         self.layer.conversion.ramps = ranges.to_vec();
         self.info.note.stretch = ranges.to_vec();
     }

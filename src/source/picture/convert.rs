@@ -6,38 +6,38 @@ use crate::source::Nodata;
 
 /// How the bands of a picture become colours and alpha.
 #[derive(Clone, Debug)]
-pub(super) struct Conversion {
+pub(in crate::source) struct Conversion {
     /// Sample type of all bands; bits are bytes 0 and 1.
-    pub(super) kind: SampleType,
+    pub(in crate::source) kind: SampleType,
     /// True if samples are single bits.
-    pub(super) is_bit: bool,
+    pub(in crate::source) is_bit: bool,
     /// Bands for grey, or for red, green and blue, from 0.
-    pub(super) colours: Vec<usize>,
+    pub(in crate::source) colours: Vec<usize>,
     /// Band of alpha or of a mask, from 0.
-    pub(super) alpha: Option<usize>,
+    pub(in crate::source) alpha: Option<usize>,
     /// Alpha value that is opaque. For 16-bit alpha this is 65535, or 255 if the writer used bytes.
-    pub(super) opaque: f64,
+    pub(in crate::source) opaque: f64,
     /// True if colours are multiplied by alpha.
-    pub(super) premultiplied: bool,
+    pub(in crate::source) premultiplied: bool,
     /// Colours of a palette, indexed by the band's samples.
-    pub(super) palette: Option<Vec<[u8; 3]>>,
+    pub(in crate::source) palette: Option<Vec<[u8; 3]>>,
     /// True if 0 is white.
-    pub(super) inverted: bool,
+    pub(in crate::source) inverted: bool,
     /// Nodata value of each colour band.
-    pub(super) nodata: Option<Vec<f64>>,
+    pub(in crate::source) nodata: Option<Vec<f64>>,
     /// Values of each band that become 0 and 255; empty if bytes are taken unchanged.
-    pub(super) ramps: Vec<(f64, f64)>,
+    pub(in crate::source) ramps: Vec<(f64, f64)>,
 }
 
 /// Samples of one band of a block, possibly interleaved with others.
 #[derive(Clone, Copy)]
-pub(super) struct BandSamples<'a> {
+pub(in crate::source) struct BandSamples<'a> {
     /// Buffer in this machine's byte order.
-    pub(super) bytes: &'a [u8],
+    pub(in crate::source) bytes: &'a [u8],
     /// Index of the first sample of this band.
-    pub(super) first: usize,
+    pub(in crate::source) first: usize,
     /// Samples from one of this band to the next.
-    pub(super) stride: usize,
+    pub(in crate::source) stride: usize,
 }
 
 /// Calls `$visit` with index and value of each sample of a plane.
@@ -54,7 +54,7 @@ macro_rules! visit {
 impl BandSamples<'_> {
     /// Calls `visit` with index and value of each sample.
     #[inline]
-    pub(super) fn each(self, kind: SampleType, mut visit: impl FnMut(usize, f64)) {
+    pub(in crate::source) fn each(self, kind: SampleType, mut visit: impl FnMut(usize, f64)) {
         match kind {
             SampleType::Int8 => visit!(i8, self, visit),
             SampleType::Uint8 => visit!(u8, self, visit),
@@ -70,22 +70,22 @@ impl BandSamples<'_> {
 
 impl Conversion {
     /// Colour bytes of a pixel.
-    pub(super) fn channels(&self) -> usize {
+    pub(in crate::source) fn channels(&self) -> usize {
         if self.palette.is_some() { 3 } else { self.colours.len() }
     }
 
     /// All bands that are read, alpha last.
-    pub(super) fn bands(&self) -> impl Iterator<Item = usize> + '_ {
+    pub(in crate::source) fn bands(&self) -> impl Iterator<Item = usize> + '_ {
         self.colours.iter().copied().chain(self.alpha)
     }
 
     /// True if pixels can be transparent.
-    pub(super) fn hides(&self) -> bool {
+    pub(in crate::source) fn hides(&self) -> bool {
         self.alpha.is_some() || self.nodata.is_some() || self.kind.is_float()
     }
 
     /// Converts `count` pixels from the planes of [`Self::bands`].
-    pub(super) fn pixels(&self, planes: &[BandSamples<'_>], count: usize) -> Pixels {
+    pub(in crate::source) fn pixels(&self, planes: &[BandSamples<'_>], count: usize) -> Pixels {
         let channels = self.channels();
         let mut colour = vec![0; count * channels];
         match &self.palette {
@@ -153,7 +153,7 @@ impl Conversion {
     }
 
     /// For each pixel, whether all its colours equal the nodata value; `None` if no pixel can.
-    pub(super) fn hidden(&self, planes: &[BandSamples<'_>], count: usize) -> Option<Vec<bool>> {
+    pub(in crate::source) fn hidden(&self, planes: &[BandSamples<'_>], count: usize) -> Option<Vec<bool>> {
         if self.nodata.is_none() && !self.kind.is_float() {
             return None;
         }
@@ -167,7 +167,7 @@ impl Conversion {
     }
 
     /// An alpha sample as 8 bits.
-    pub(super) fn opacity(&self, value: f64) -> u8 {
+    pub(in crate::source) fn opacity(&self, value: f64) -> u8 {
         match self.kind {
             SampleType::Uint8 if !self.is_bit => value as u8,
             SampleType::Uint16 => (value * 255.0 / self.opaque + 0.5) as u8,

@@ -4,7 +4,7 @@ use crate::crs;
 use crate::geo::{Crs, CrsKind};
 
 /// True if two systems are the same, as far as files tell.
-pub(super) fn same(a: &Crs, b: &Crs) -> bool {
+pub(in crate::source) fn same(a: &Crs, b: &Crs) -> bool {
     if is_unknown(a) || is_unknown(b) {
         return is_unknown(a) && is_unknown(b);
     }
@@ -12,12 +12,12 @@ pub(super) fn same(a: &Crs, b: &Crs) -> bool {
 }
 
 /// True if only the unit of a system is known.
-pub(super) fn is_unknown(crs: &Crs) -> bool {
+pub(in crate::source) fn is_unknown(crs: &Crs) -> bool {
     crs.kind == CrsKind::Engineering && crs.epsg.is_none() && crs.name.is_empty()
 }
 
 /// Name of a system, for messages.
-pub(super) fn name(crs: &Crs) -> String {
+pub(in crate::source) fn name(crs: &Crs) -> String {
     match crs.epsg {
         _ if is_unknown(crs) => "an unknown coordinate system".to_owned(),
         Some(code) if crs.name.is_empty() => format!("EPSG:{code}"),

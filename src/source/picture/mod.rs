@@ -6,15 +6,13 @@
 //! transparent if its alpha or mask says so, or if all chosen bands have the nodata value; if only
 //! some have it, it is a colour.
 
-mod blocks;
+pub(in crate::source) mod blocks;
 mod cache;
-mod convert;
-mod crs;
+pub(in crate::source) mod convert;
+pub(in crate::source) mod crs;
 mod encoded;
-#[cfg(feature = "gdal")]
-mod gdal;
 mod stretch;
-mod tiff;
+pub(in crate::source) mod tiff;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -37,7 +35,7 @@ use crate::texel::Colour;
 pub const KEPT: u64 = 512 << 20;
 
 /// Advice for a picture without a place.
-const PLACE_ADVICE: &str =
+pub(in crate::source) const PLACE_ADVICE: &str =
     "put a world file beside it, or give it its place with gdal_translate -a_ullr WEST NORTH EAST SOUTH";
 
 /// Pixels of a window, row by row.
@@ -180,7 +178,9 @@ fn open(
     let native = native.and_then(|parts| place(parts, crs));
     #[cfg(feature = "gdal")]
     let native = native.or_else(|error| {
-        crate::source::open::or_by_gdal(path, error, || gdal::open(path, options, crs, limits))
+        crate::source::open::or_by_gdal(path, error, || {
+            crate::source::gdal::picture::open(path, options, crs, limits)
+        })
     });
     let mut picture = BlockPicture::new(native?, cache);
     picture.settle_alpha(limits)?;

@@ -25,7 +25,11 @@ const ASSOCIATED: u64 = 1;
 const UNASSOCIATED: u64 = 2;
 
 /// Opens a TIFF and decides on the conversion of its bands.
-pub(super) fn open(path: &Path, options: &PictureOptions, limits: &Limits) -> Result<PictureParts> {
+pub(in crate::source) fn open(
+    path: &Path,
+    options: &PictureOptions,
+    limits: &Limits,
+) -> Result<PictureParts> {
     let (raster, meaning, mask) = Raster::open(path, limits)?;
     let mut conversion = conversion(&raster, &meaning, options.bands.as_deref())?;
     if mask.is_some() {
@@ -51,7 +55,7 @@ pub(super) fn open(path: &Path, options: &PictureOptions, limits: &Limits) -> Re
 }
 
 /// The conversion of one band of bytes, unchanged.
-pub(super) fn plain() -> Conversion {
+pub(in crate::source) fn plain() -> Conversion {
     Conversion {
         kind: SampleType::Uint8,
         is_bit: false,
@@ -123,13 +127,13 @@ fn roles(bands: usize, meaning: &Meaning) -> Vec<Role> {
 
 /// Nodata values of some bands; `None` if one of them has none, since a pixel is transparent only
 /// if all bands have theirs.
-pub(super) fn nodata(bands: &[usize], of: impl Fn(usize) -> Option<f64>) -> Option<Vec<f64>> {
+pub(in crate::source) fn nodata(bands: &[usize], of: impl Fn(usize) -> Option<f64>) -> Option<Vec<f64>> {
     bands.iter().map(|&band| of(band)).collect()
 }
 
 /// Bands for colours, and the band for alpha, from 0: as requested, else by their roles, else the
 /// first bands.
-pub(super) fn choose(
+pub(in crate::source) fn choose(
     roles: &[Role],
     wanted: Option<&[u32]>,
     indexed: bool,

@@ -17,16 +17,16 @@ use gdal::raster::{ColorInterpretation, GdalType, RasterBand};
 use gdal::spatial_ref::{AxisMappingStrategy, SpatialRef};
 use zerocopy::{Immutable, IntoBytes};
 
-use super::blocks::{Blocks, PictureParts, Raw, Shape};
-use super::convert::Conversion;
-use super::tiff::{choose, nodata, plain};
-use super::{PLACE_ADVICE, PictureNote, PictureOptions};
 use crate::error::{Error, Result};
 use crate::geo::{Crs, Geo};
 use crate::limits::Limits;
 use crate::sample::SampleType;
 use crate::source::account::{self, Role};
 use crate::source::gdal::{describe, files};
+use crate::source::picture::blocks::{Blocks, PictureParts, Raw, Shape};
+use crate::source::picture::convert::Conversion;
+use crate::source::picture::tiff::{choose, nodata, plain};
+use crate::source::picture::{PLACE_ADVICE, PictureNote, PictureOptions};
 use crate::source::{Fingerprint, file_name, metadata};
 
 /// Side of the blocks that are read at a time; for pictures stored by rows, a block is some whole
@@ -57,7 +57,7 @@ struct GdalBlocks {
 }
 
 /// Opens a picture in coordinate system `crs`, warping it if necessary.
-pub(super) fn open(
+pub(in crate::source) fn open(
     path: &Path,
     options: &PictureOptions,
     crs: &Crs,
@@ -98,7 +98,7 @@ fn target(
     let wrong = |error: GdalError| Error::usage(format!("the coordinate system of the heights: {error}"));
     let target = match crs.epsg {
         Some(code) => Some(SpatialRef::from_epsg(code).map_err(wrong)?),
-        None if super::crs::is_unknown(crs) || crs.wkt.is_empty() => None,
+        None if crate::source::picture::crs::is_unknown(crs) || crs.wkt.is_empty() => None,
         None => Some(SpatialRef::from_wkt(&crs.wkt).map_err(wrong)?),
     };
     let own = dataset.spatial_ref().ok().or_else(|| dataset.gcp_spatial_ref()).or_else(|| beside.cloned());
