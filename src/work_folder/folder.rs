@@ -225,7 +225,9 @@ pub fn state_path(folder: &Path) -> PathBuf {
 /// The work folder of an output, if an unfinished build left a state there from which it can be
 /// resumed.
 pub fn resumable(output: &Path) -> Option<PathBuf> {
-    let folder = folder_of(output);
+    // The folder of a link's output lies beside what the link leads to.
+    let linked = output.is_symlink().then(|| fs::canonicalize(output).ok()).flatten();
+    let folder = folder_of(linked.as_deref().unwrap_or(output));
     state_path(&folder).is_file().then_some(folder)
 }
 
