@@ -8,6 +8,15 @@ use std::path::{Path, PathBuf};
 const LAYERS: [&[&str]; 8] = [
     &["file", "progress", "rect"],
     &["source"],
+    &["tile", "work_folder"],
+    &["patch", "imagery", "writer"],
+    &["pipeline", "geotiff_write", "hillshade"],
+    &["build"],
+    &["verify", "export"],
+    &["cli", "main"],
+]; 8] = [
+    &["file", "progress", "rect"],
+    &["source"],
     &["tile"],
     &["patch", "imagery", "work_folder"],
     &["writer"],

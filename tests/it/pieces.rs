@@ -212,5 +212,5 @@ fn a_limit_of_memory_changes_no_byte() {
     let refused = column_passes::windows(&plan, memory(3)).expect_err("too little to join").to_string();
     assert!(refused.contains("joining the strips"), "{refused}");
     let refused = column_passes::windows(&plan, memory(1)).expect_err("too little").to_string();
-    assert!(refused.contains("--memory") && refused.contains("16 x 16"), "{refused}");
+    assert!(refused.contains("`memory`") && refused.contains("16 x 16"), "{refused}");
 }

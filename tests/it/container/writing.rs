@@ -82,7 +82,7 @@ fn an_existing_output_is_replaced_only_by_force() {
     let path = folder.path().join("a.rlv");
     fs::write(&path, "mine").unwrap();
     let refused = ContainerWriter::create(&path, false).err().unwrap();
-    assert!(refused.to_string().contains("--force"), "{refused}");
+    assert!(refused.to_string().contains("`force`"), "{refused}");
     assert_eq!(names(folder.path()), ["a.rlv"]);
     let raster = raster();
     finish(filled(&raster, &path, true), &raster).unwrap();
@@ -91,7 +91,7 @@ fn an_existing_output_is_replaced_only_by_force() {
     let late = folder.path().join("late.rlv");
     let writer = filled(&raster, &late, false);
     fs::write(&late, "mine").unwrap();
-    assert!(matches!(finish(writer, &raster), Err(Error::Usage { .. })));
+    assert!(matches!(finish(writer, &raster), Err(Error::Exists { .. })));
     assert_eq!(fs::read(&late).unwrap(), b"mine");
     assert_eq!(names(folder.path()), ["a.rlv", "late.rlv"]);
 }
