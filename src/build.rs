@@ -24,7 +24,7 @@ use crate::source::picture::Picture;
 /// let source = source::open(&dem, &relevo::Limits::default())?;
 /// let report = Build::new(&*source).tile(64).patch(16).run(&output)?;
 /// assert_eq!((report.header.width, report.header.levels), (152, 2));
-/// assert_eq!(Reader::open(&output)?.file_len(), report.file_bytes);
+/// assert_eq!(Reader::open(&output)?.file_len(), report.file.file_bytes);
 /// # Ok(())
 /// # }
 /// ```

@@ -506,7 +506,9 @@ fn other_formats_and_coordinate_systems_come_through_gdal() {
         let own = picture.read_window(1000..1900, 990..1100).expect("window");
         let part = folder.path().join("part.tif");
         if run("gdal_translate", &["-srcwin", "1000", "990", "900", "110"], &path, &part) {
-            assert!(own.colour == gdal(&part, &[]));
+            // Natively: decoders differ in the last bits.
+            let expected = gdal(&part, &[]);
+            assert!(mean_difference(&own.colour, &expected) < 0.6);
         }
     }
     if let Some(source) = shared("sfbay_landsat7_rgb_nodata.tif") {

@@ -14,15 +14,6 @@ const LAYERS: [&[&str]; 8] = [
     &["build"],
     &["verify", "export"],
     &["cli", "main"],
-]; 8] = [
-    &["file", "progress", "rect"],
-    &["source"],
-    &["tile"],
-    &["patch", "imagery", "work_folder"],
-    &["writer"],
-    &["pipeline", "geotiff_write", "hillshade"],
-    &["verify", "export"],
-    &["cli", "main"],
 ];
 
 fn files(folder: &Path, out: &mut Vec<PathBuf>) {

@@ -171,17 +171,23 @@ fn open(
     limits: &Limits,
     cache: &Arc<Cache>,
 ) -> Result<BlockPicture> {
-    let native = encoded::format(path).and_then(|format| match format {
+    let format = encoded::format(path);
+    #[cfg(feature = "gdal")]
+    let is_encoded = matches!(format, Ok(Some(_)));
+    let native = format.and_then(|format| match format {
         Some(format) => encoded::open(path, format, options, limits),
         None => tiff::open(path, options, limits),
     });
     let native = native.and_then(|parts| place(parts, crs));
     #[cfg(feature = "gdal")]
-    let native = native.or_else(|error| {
-        crate::source::open::or_by_gdal(path, error, || {
+    let native = match native {
+        // GDAL would read what is cut off as grey.
+        Err(error @ Error::Format { .. }) if is_encoded => Err(error),
+        Err(error) => crate::source::open::or_by_gdal(path, error, || {
             crate::source::gdal::picture::open(path, options, crs, limits)
-        })
-    });
+        }),
+        native => native,
+    };
     let mut picture = BlockPicture::new(native?, cache);
     picture.settle_alpha(limits)?;
     Ok(picture)
