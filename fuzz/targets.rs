@@ -1,7 +1,8 @@
-//! What the fuzzers feed, one function a target. `tests/it/fuzz_corpus.rs` runs the same functions over the corpus.
+//! What the fuzzers feed, one function a target. `tests/it/fuzz_corpus.rs` runs the same functions
+//! over the corpus.
 //!
-//! Each takes any bytes. It must return: a panic, an overflow, an endless loop or gigabytes of memory are findings. An
-//! error is the right answer to most inputs.
+//! Each takes any bytes. It must return: a panic, an overflow, an endless loop or gigabytes of
+//! memory are findings. An error is the right answer to most inputs.
 
 #![allow(dead_code)]
 
@@ -23,7 +24,8 @@ use relevo::texel::{Colour, Texels};
 use relevo::verify::{self, VerifyOptions};
 use relevo::{geo, surface};
 
-/// Columns, rows or texels above which a target looks no further: larger ones take longer and show nothing new.
+/// Columns, rows or texels above which a target looks no further: larger ones take longer and show
+/// nothing new.
 const SMALL: u32 = 300;
 
 thread_local! {
@@ -37,9 +39,9 @@ fn in_folder(look: impl FnOnce(&Path)) {
 
 /// A container put together from parts, with checksums that fit: so that a fuzzer comes past them.
 ///
-/// The input is a list of parts, each a `u32` length and bytes: the header up to its checksum, metadata, root page
-/// (decoded), statistics (decoded), tiles, a list of further index pages (decoded), and of imagery: the fixed fields,
-/// its root page (decoded), JPEG prefix, tiles.
+/// The input is a list of parts, each a `u32` length and bytes: the header up to its checksum,
+/// metadata, root page (decoded), statistics (decoded), tiles, a list of further index pages
+/// (decoded), and of imagery: the fixed fields, its root page (decoded), JPEG prefix, tiles.
 pub fn container(data: &[u8]) {
     let Some(file) = assemble(data) else { return };
     in_folder(|folder| {
@@ -86,7 +88,8 @@ fn imagery_tiles(reader: &Reader) {
     }
 }
 
-/// The parts of an input: each a `u32` length and bytes; a length beyond the end takes what is there.
+/// The parts of an input: each a `u32` length and bytes; a length beyond the end takes what is
+/// there.
 fn parts(mut data: &[u8]) -> Vec<&[u8]> {
     let mut found = Vec::new();
     while let Some((length, rest)) = data.split_first_chunk::<4>() {
@@ -194,7 +197,8 @@ fn count(page: &[u8]) -> usize {
     (number::<4>(page, 12) as usize).min(page.len())
 }
 
-/// Writes the checksums of all chunks that lie in `tiles` into a decoded page of heights (section 6).
+/// Writes the checksums of all chunks that lie in `tiles` into a decoded page of heights (section
+/// 6).
 fn chunk_checksums(page: &mut [u8], tiles: &[u8]) {
     let n = count(page);
     let (offsets, lengths, sums) = (16 + 14 * n, 16 + 22 * n, 16 + 34 * n);
@@ -239,7 +243,8 @@ fn page_places(root: &mut [u8], places: &[(u64, u32, u32)]) {
     }
 }
 
-/// The three chunks of a tile, whatever its parent was: five bytes of shape, then mask, heights and errors as parts.
+/// The three chunks of a tile, whatever its parent was: five bytes of shape, then mask, heights and
+/// errors as parts.
 pub fn tiles(data: &[u8]) {
     let Some((&[size, flags, seed, shape, steps], rest)) = data.split_first_chunk::<5>() else { return };
     let n = 2 << (size % 6);
@@ -327,8 +332,9 @@ pub fn vrt(data: &[u8]) {
     });
 }
 
-/// Two pieces of a build (folders of files) with one of their files replaced, merged. The first byte chooses the file,
-/// the others are what it holds: checksums are made to fit, frames are given decoded (see [`piece_file`]).
+/// Two pieces of a build (folders of files) with one of their files replaced, merged. The first
+/// byte chooses the file, the others are what it holds: checksums are made to fit, frames are given
+/// decoded (see [`piece_file`]).
 pub fn work(data: &[u8]) {
     let Some((&which, content)) = data.split_first() else { return };
     in_folder(|folder| {
@@ -343,7 +349,8 @@ pub fn work(data: &[u8]) {
         let pieces = ["a.piece", "b.piece"].map(|name| folder.join(name));
         let output = folder.join("y.rlv");
         let Ok(_) = pipeline::merge(&pieces, &output, Some(1), true, &Silent) else { return };
-        // A state or a row of the list that lies under a checksum that fits is believed; damaged chunks are not.
+        // A state or a row of the list that lies under a checksum that fits is believed; damaged
+        // chunks are not.
         let name = &files[which].0;
         let must_be_good =
             !["state", "records"].iter().any(|own| name.ends_with(own)) && !name.contains("seam");
@@ -386,8 +393,8 @@ fn make_pieces() -> Vec<(String, Vec<u8>)> {
 const STATE_HEAD: usize = 20;
 const ROW: usize = 59;
 
-/// What a file of a piece holds: a state as its body (a part) and items, a seam file as items, a list of tiles as it is;
-/// all with checksums that fit. Chunks are as they are.
+/// What a file of a piece holds: a state as its body (a part) and items, a seam file as items, a
+/// list of tiles as it is; all with checksums that fit. Chunks are as they are.
 fn piece_file(name: &str, content: &[u8]) -> Vec<u8> {
     if name.ends_with("/state") {
         let (body, rest) = first_part(content);
@@ -420,7 +427,8 @@ fn first_part(data: &[u8]) -> (&[u8], &[u8]) {
     }
 }
 
-/// Seam items of ten bytes of head and a part each: the part is packed, length and checksum are put between.
+/// Seam items of ten bytes of head and a part each: the part is packed, length and checksum are put
+/// between.
 fn items(mut data: &[u8]) -> Vec<u8> {
     let mut out = Vec::new();
     while let Some((head, rest)) = data.split_first_chunk::<10>() {

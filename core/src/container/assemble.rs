@@ -11,6 +11,9 @@ use crate::codec::frame;
 use crate::error::{Error, Result};
 use crate::tile::TileId;
 
+/// The place of errors: tiles come from a builder, or from the list in a piece that is merged.
+const PLACE: &str = "list of tiles";
+
 /// Rows of one level.
 struct Rows<R> {
     entries: Vec<R>,
@@ -48,14 +51,14 @@ impl<R: Row> Tree<R> {
     pub fn check_new(&self, id: TileId) -> Result<()> {
         if id.level > R::MAX_LEVEL || id.x >> id.level != 0 || id.y >> id.level != 0 {
             let side = 1_u64 << id.level.min(R::MAX_LEVEL);
-            return Err(Error::internal(format!(
-                "tile {id} is outside the {side} x {side} tiles of its level"
-            )));
+            let expected = format!("tiles within the {side} x {side} of their level");
+            return Err(Error::format(PLACE, expected, format!("tile {id}, which is outside")));
         }
         let Some(rows) = self.levels.get(usize::from(id.level)) else { return Ok(()) };
         let Some(first) = rows.index.get(&(id.x, id.y)) else { return Ok(()) };
         let (first, again) = (first + 1, rows.entries.len() + 1);
-        Err(Error::internal(format!("tile {id} came twice: number {first} and number {again} of its level")))
+        let got = format!("tile {id} came twice: number {first} and number {again} of its level");
+        Err(Error::format(PLACE, "every tile once", got))
     }
 
     /// Adds a row that [`Tree::check_new`] has passed.

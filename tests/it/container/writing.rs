@@ -153,7 +153,7 @@ fn tiles_that_are_no_tree_are_refused() {
     assert!(twice.to_string().contains(&format!("tile {} came twice", record.id)), "{twice}");
     for id in [TileId::new(2, 4, 0), TileId::new(0, 0, 1), TileId::new(27, 0, 0), TileId::new(255, 0, 0)] {
         let outside = writer.append(&relevo::writer::TileRecord { id, ..*record }, chunks).unwrap_err();
-        assert!(outside.to_string().contains(&format!("tile {id} is outside")), "{outside}");
+        assert!(outside.to_string().contains(&format!("tile {id}, which is outside")), "{outside}");
     }
     finish(writer, &raster).unwrap();
     fs::remove_file(&path).unwrap();

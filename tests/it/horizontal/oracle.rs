@@ -9,7 +9,7 @@ use super::ground::{Ground, Point, about};
 
 /// A stored error beside the truth, metres.
 #[derive(Clone, Copy, Debug)]
-#[allow(dead_code, reason = "told by its Debug where a test fails")]
+#[expect(dead_code, reason = "id, patch and step are printed by Debug where a test fails")]
 pub struct Ratio {
     pub id: TileId,
     pub patch: (usize, usize),
