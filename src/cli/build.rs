@@ -218,12 +218,18 @@ pub fn output_name(dem: &Path) -> PathBuf {
 }
 
 /// The failure of a build: an error without a path is given that of the DEM, and the message names
-/// the work folder if the build can be resumed.
+/// the work folder if resuming the build would help.
 pub fn failure(error: Error, dem: &Path, output: &Path) -> Failure {
     let error = error.at(dem);
-    match resumable(output) {
-        Some(folder) if !matches!(error, Error::Usage { .. }) => Failure::Resumable(error, folder),
-        _ => Failure::Relevo(error),
+    // These say themselves what to do.
+    let is_told = matches!(
+        error,
+        Error::Usage { .. } | Error::Exists { .. } | Error::Unfinished { .. } | Error::Changed { .. }
+    );
+    match (resumable(output), error) {
+        (Some(folder), error) if !is_told => Failure::Resumable(error, folder),
+        (None, Error::Interrupted) => Failure::Relevo(Error::usage("interrupted; no output was written")),
+        (_, error) => Failure::Relevo(error),
     }
 }
 

@@ -219,6 +219,8 @@ fn changed_options_and_inputs_are_refused() {
     case.killed();
     let refused = case.spawn(&[]).wait_with_output().expect("ends");
     fails(&refused, &["out.rlv.work", "unfinished build", "--resume", "--force"]);
+    // What such a message says to do is all of it: no second advice.
+    assert!(!stderr(&refused).contains("what is done is kept"), "{}", stderr(&refused));
     let mut other = case.command(&["--resume"]);
     other.args(["--nodata", "-1"]);
     fails(&other.output().expect("runs"), &["--nodata was not given, now it is -1", "--force"]);
@@ -236,6 +238,7 @@ fn changed_options_and_inputs_are_refused() {
     file.set_modified(time + Duration::from_secs(2)).expect("touch");
     let refused = case.command(&["--resume"]).output().expect("runs");
     fails(&refused, &["the input has changed since", "dem.tif was written to", "--force"]);
+    assert!(!stderr(&refused).contains("what is done is kept"), "{}", stderr(&refused));
     file.set_modified(time).expect("touch");
     case.resumes();
 
