@@ -4,7 +4,9 @@
 //! of a block is linear wherever that of the cell is. So no sample of the block differs from the
 //! cell's surface by more than the sum of the block's own error and the largest difference at its
 //! corners. Most blocks are pruned by this bound: they cannot have the worst sample. The others are
-//! measured, in additions only and times the cell size, so that integers stay integers.
+//! measured, in additions only and times the cell size, so that integers stay integers. Without
+//! pruning a build takes 10 to 11 % more processor time, 6 to 7 % with voids (16 385 x 16 385,
+//! int16).
 
 use crate::patch::blocks::{HAS_VALID, HAS_VOID};
 use crate::patch::cell::Cell;

@@ -10,6 +10,9 @@
 //! vector 1                 1          ,    17          ,    33          , ..
 //! ```
 //!
+//! A loop over the rows of each cell, one cell after the other, gives the same errors. With it a
+//! build takes 69 % more processor time, 40 to 43 % with voids (16 385 x 16 385, int16).
+//!
 //! The sums are those of [`DrawnSurface`](crate::patch::drawn_surface::DrawnSurface), in the same
 //! order.
 

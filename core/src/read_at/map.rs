@@ -1,5 +1,14 @@
 //! A file mapped into memory: its pages are loaded when they are touched, without a call for each
 //! read.
+//!
+//! What it gains is memory that programs share and no file position, not time. Measured on files in
+//! the page cache (`benches/reader.rs`, three files of 0.6 to 4.2 million samples, 2 cores), times
+//! by map over times by position: opening 1.2 to 1.5, a cold leaf 1.00 to 1.27, every leaf in order
+//! 1.11 to 1.28, the same by two threads 0.94 to 1.05. Each measurement opens the file anew, so a
+//! map pays a page fault for every 4 KiB where a read copies a whole chunk. Hence by position is
+//! the default.
+//!
+//! The risk is in [`Map`].
 
 use std::io;
 use std::path::Path;
