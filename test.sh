@@ -117,13 +117,14 @@ dependencies() {
 
 install
 runner=(cargo test --no-fail-fast --lib --bins --tests --examples)
-# Tests of what lies behind a source, where the feature `gdal` is no part of the code, are not run twice.
-once=()
+# With the feature `gdal` only the binary is tested again, and of its tests only those that reach a source: what lies
+# behind a source does not know of GDAL. No unit test does.
+gdal=(cargo test --no-fail-fast --test it)
 if cargo nextest --version >/dev/null 2>&1; then
     runner=(cargo nextest run --no-fail-fast)
     behind='comments|container|each|imagery|layers|reader_scale|spec|golden|vectors|verify|horizontal|half_steps|observed|select|real_data|memory|resume|pieces'
     behind+='|state|sparse|export|hillshade|geotiff_write|imagery_pyramid|fuzz_corpus|cli_pages|cli_json|hostile_text'
-    once=(-E "binary(it) - test(/^($behind)::/) + kind(lib) & test(/^source::/)")
+    gdal=(cargo nextest run --no-fail-fast --test it -E "not test(/^($behind)::/)")
 fi
 
 run fmt cargo fmt --all --check
@@ -133,7 +134,7 @@ run clippy-features cargo clippy --locked --package relevo --package relevo-core
 # A reader without features, and without a C compiler.
 run core cargo clippy --locked --package relevo-core --no-default-features --features ruzstd -- -D warnings
 run test "${runner[@]}" --locked --workspace
-run test-gdal "${runner[@]}" --locked --package relevo --features gdal "${once[@]}"
+run test-gdal "${gdal[@]}" --locked --package relevo --features gdal
 run doctest cargo test --locked --workspace --doc --no-fail-fast
 run doc env RUSTDOCFLAGS='-D warnings' cargo doc --locked --workspace --no-deps --document-private-items
 dependencies

@@ -5,6 +5,9 @@
 //! has one, and the nodata value; [`Window::is_void`] combines the two.
 
 pub mod account;
+// Its test needs no GDAL.
+#[cfg(any(test, feature = "gdal"))]
+mod archive;
 pub mod cropped;
 mod earth;
 #[cfg(feature = "gdal")]

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use gdal::Dataset;
 
 use crate::error::Result;
+use crate::source::archive::archive;
 use crate::source::{FileStamp, Fingerprint, file_name};
 
 /// The files of a dataset, the main file first; for a VRT also the files that it names.
@@ -50,21 +51,6 @@ pub(in crate::source) fn fingerprint(files: &[PathBuf]) -> Result<Fingerprint> {
     Ok(Fingerprint { files: files.iter().map(stamp).collect::<Result<_>>()? })
 }
 
-/// The local archive of a path such as `/vsizip/folder/a.zip/dem.tif`, also chained
-/// (`/vsitar//vsigzip/…`) or in braces.
-fn archive(path: &Path) -> Option<PathBuf> {
-    let text = path.to_string_lossy();
-    let mut rest = text.strip_prefix("/vsi")?.split_once('/')?.1;
-    while let Some(inner) = rest.strip_prefix("/vsi").or_else(|| rest.strip_prefix("vsi")) {
-        rest = inner.split_once('/')?.1;
-    }
-    let rest = rest.replace(['{', '}'], "");
-    // Absolute paths have a second slash, `/vsizip//data/a.zip`, which users sometimes leave out.
-    [PathBuf::from(&rest), PathBuf::from(format!("/{rest}"))]
-        .into_iter()
-        .find_map(|name| name.ancestors().find(|folder| folder.is_file()).map(Path::to_owned))
-}
-
 /// The stamp of a file that is not on this machine. GDAL's caches are emptied first, as they hold
 /// its former state.
 fn remote(path: &Path) -> FileStamp {
@@ -87,27 +73,4 @@ fn remote(path: &Path) -> FileStamp {
         }
     };
     FileStamp { name, bytes, modified_ns: 0 }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn archives_of_virtual_names() {
-        let folder = tempfile::tempdir().expect("folder");
-        let zip = folder.path().join("a.zip");
-        std::fs::write(&zip, "PK").expect("write");
-        let zip_name = zip.display();
-        for name in [
-            format!("/vsizip/{zip_name}/in/dem.tif"),
-            format!("/vsizip/{{{zip_name}}}/dem.tif"),
-            format!("/vsitar//vsigzip/{zip_name}/dem.tif"),
-            format!("/vsigzip/{zip_name}"),
-        ] {
-            assert_eq!(archive(Path::new(&name)), Some(zip.clone()), "{name}");
-        }
-        assert_eq!(archive(Path::new("/vsicurl/http://localhost/a.tif")), None);
-        assert_eq!(archive(&zip), None);
-    }
 }
