@@ -170,11 +170,12 @@ fn read_leb128(bytes: &mut &[u8]) -> Result<u32> {
     Err(Error::format("byte plane", "an escape of at most five bytes", "a longer one"))
 }
 
-/// The `k` with which the residuals (zigzag) take the fewest bytes, estimated by entropy.
-pub fn choose_k(residuals: &[u32], histogram: &mut Vec<u32>) -> u32 {
+/// The `k` with which the residuals (zigzag) take the fewest bytes, estimated by entropy, and the
+/// bits that each of them takes then. Bits are 0 where all residuals are below 128: `k` is 0 then.
+pub fn choose_k(residuals: &[u32], histogram: &mut Vec<u32>) -> (u32, f64) {
     let all = residuals.iter().fold(0, |all, g| all | g);
     if all < 128 {
-        return 0;
+        return (0, 0.0);
     }
     // Every fourth residual is enough for the shape of the histogram.
     let step = if residuals.len() > 4096 { 4 } else { 1 };
@@ -207,7 +208,7 @@ pub fn choose_k(residuals: &[u32], histogram: &mut Vec<u32>) -> u32 {
         histogram[half..used].fill(0);
         used = half;
     }
-    best.1
+    (best.1, best.0 / f64::from(taken))
 }
 
 /// The fewest low bits to drop so that at most one in 64 of the `taken` residuals falls beyond the

@@ -73,13 +73,14 @@ pub fn encode(
     if all_zero && transform == 0 && weights == Weights::USUAL {
         return Ok(());
     }
-    let k = bits::choose_k(&scratch.residuals, &mut scratch.histogram);
+    let (k, bits) = bits::choose_k(&scratch.residuals, &mut scratch.histogram);
     let start = out.len();
     out.extend_from_slice(&[if narrow { NARROW } else { 0 }, k as u8, transform, weights.byte()]);
     out.extend_from_slice(&[0; 8]);
     scratch.raw.clear();
     bits::write_plane(&scratch.residuals, k, &mut scratch.raw);
-    frame::compress_parts(&scratch.raw, &order::cuts(lattice.n, root), out)?;
+    let matches = worth_matching(&scratch.raw, bits);
+    frame::compress_plane(&scratch.raw, &order::cuts(lattice.n, root), matches, out)?;
     let plane_length = (out.len() - start - HEAD) as u32;
     bits::write_raw(&scratch.residuals, k, out);
     let lows_start = out.len();
@@ -90,6 +91,32 @@ pub fn encode(
     out[start + 4..start + 8].copy_from_slice(&plane_length.to_le_bytes());
     out[start + 8..start + HEAD].copy_from_slice(&lows_length.to_le_bytes());
     Ok(())
+}
+
+/// Bits of a residual from which matches cost no more than the Huffman codes that they replace.
+#[cfg(feature = "write")]
+const MANY_BITS: f64 = 4.0;
+/// One in so many words of zeros makes a plane one that has runs.
+#[cfg(feature = "write")]
+const RUNS: usize = 32;
+
+/// Whether matches in a byte plane are worth their search: where it has runs of zeros, or its
+/// residuals take many bits. Elsewhere zstd finds chance repetitions of small residuals, and what it
+/// stores of a match is longer than their Huffman codes.
+///
+/// Against searching every plane, files of 16 385 x 16 385 int16 samples become 12.6 % smaller
+/// (synthetic, smooth), 0.5 % (real mountains) and 0.05 % (real, with voids); of the real rasters
+/// tried none becomes larger by more than 0.005 %, lowland with sea becomes 3.9 % smaller. Without
+/// the rule for runs files grow by up to 78 %, without that for bits by up to 0.3 %.
+#[cfg(feature = "write")]
+fn worth_matching(plane: &[u8], bits: f64) -> frame::Matches {
+    let words = plane.as_chunks::<32>().0;
+    let zeros = words.iter().filter(|word| word.iter().fold(0, |any, byte| any | byte) == 0).count();
+    if bits > MANY_BITS || zeros * RUNS > words.len() {
+        frame::Matches::Often
+    } else {
+        frame::Matches::Rarely
+    }
 }
 
 /// Sets the codes (and lows) of all newborn samples of `lattice` from the heights chunk.

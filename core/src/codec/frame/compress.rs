@@ -22,10 +22,20 @@ const PLANE: usize = 4096;
 /// Binary logarithm of the size of the match table for a plane of residuals: repetitions there are
 /// near each other, and any other match replaces Huffman codes that are shorter.
 const HASH_LOG: u32 = 10;
-/// Bytes between the places where zstd looks for matches in a plane of residuals, for the same
-/// reason. It saves a tenth of the instructions of a build of smooth terrain, and 2 to 3 per cent
-/// of its file; files of rough terrain with many voids may be half a per cent larger.
+/// Bytes between the places where zstd looks for matches in a plane of residuals that has them.
 const STRIDE: u32 = 7;
+/// The same in a plane where a match would only replace Huffman codes that are shorter: zstd looks
+/// once or twice in a block. A plane of one value is still found.
+const RARELY: u32 = 131_071;
+
+/// How matches are looked for in a plane of residuals.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Matches {
+    /// Every few bytes.
+    Often,
+    /// Hardly ever, which is faster.
+    Rarely,
+}
 
 thread_local! {
     /// The context of this thread: setting one up costs more than a small frame.
@@ -34,12 +44,12 @@ thread_local! {
 
 /// Appends `content` as one frame.
 pub fn compress(content: &[u8], out: &mut Vec<u8>) -> Result<()> {
-    compress_parts(content, &[], out)
+    compress_plane(content, &[], Matches::Often, out)
 }
 
 /// Appends `content`, a plane of residuals, as one frame. A new block, with codes of its own,
 /// starts at each of the ascending `cuts`; this pays where the content changes.
-pub fn compress_parts(content: &[u8], cuts: &[usize], out: &mut Vec<u8>) -> Result<()> {
+pub fn compress_plane(content: &[u8], cuts: &[usize], matches: Matches, out: &mut Vec<u8>) -> Result<()> {
     let start = out.len();
     // A block costs at most 3 bytes more than the bound allows for.
     out.reserve(zstd_safe::compress_bound(content.len()) + 8 * cuts.len());
@@ -51,7 +61,8 @@ pub fn compress_parts(content: &[u8], cuts: &[usize], out: &mut Vec<u8>) -> Resu
         let (is_plane, is_large) = (!cuts.is_empty(), content.len() >= PLANE);
         context.set_parameter(CParameter::MinMatch(if is_large { MIN_MATCH } else { 0 }))?;
         context.set_parameter(CParameter::HashLog(if is_plane && is_large { HASH_LOG } else { 0 }))?;
-        context.set_parameter(CParameter::TargetLength(if is_plane && is_large { STRIDE } else { 0 }))?;
+        let stride = if matches == Matches::Often { STRIDE } else { RARELY };
+        context.set_parameter(CParameter::TargetLength(if is_plane && is_large { stride } else { 0 }))?;
         if cuts.is_empty() {
             let mut behind = Cursor::new(&mut *out);
             behind.set_position(start as u64);
@@ -99,4 +110,33 @@ fn new_compressor() -> Result<CCtx<'static>, usize> {
 fn failed(action: &str, bytes: usize, code: usize) -> Error {
     let source = std::io::Error::other(zstd_safe::get_error_name(code));
     Error::io("", format!("{action} {bytes} bytes"), source)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn length(content: &[u8], matches: Matches) -> usize {
+        let mut out = Vec::new();
+        compress_plane(content, &[content.len() / 2], matches, &mut out).unwrap();
+        out.len()
+    }
+
+    #[test]
+    fn small_residuals_are_shorter_without_matches_and_runs_with_them() {
+        let mut state = 1_u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state >> 33
+        };
+        // Two thirds are 0, the rest 1 or 2.
+        let small: Vec<u8> = (0..50_000).map(|_| [0, 0, 0, 0, 1, 2][random() as usize % 6]).collect();
+        assert!(length(&small, Matches::Rarely) < length(&small, Matches::Often));
+        // Zeros, but for a fiftieth of the plane.
+        let runs: Vec<u8> =
+            (0..50_000_u64).map(|at| if at % 5_000 < 100 { random() as u8 } else { 0 }).collect();
+        assert!(length(&runs, Matches::Often) * 3 < length(&runs, Matches::Rarely));
+        let constant = vec![7; 50_000];
+        assert!(length(&constant, Matches::Rarely) < 100);
+    }
 }

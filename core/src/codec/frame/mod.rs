@@ -13,7 +13,7 @@ mod libzstd;
 mod ruzstd;
 
 #[cfg(feature = "write")]
-pub use compress::{compress, compress_parts};
+pub use compress::{Matches, compress, compress_plane};
 #[cfg(feature = "libzstd")]
 use libzstd as library;
 #[cfg(all(feature = "ruzstd", not(feature = "libzstd")))]
@@ -105,7 +105,7 @@ mod tests {
         contents.push(noise(300_000, 256));
         for content in contents {
             let mut frame = Vec::new();
-            compress_parts(&content, &[content.len() / 3], &mut frame).unwrap();
+            compress_plane(&content, &[content.len() / 3], Matches::Often, &mut frame).unwrap();
             let read = |bytes: &[u8]| {
                 let [mut one, mut other] = [Vec::new(), Vec::new()];
                 let first = libzstd::decompress(bytes, content.len(), "test", &mut one).is_ok();
