@@ -54,7 +54,7 @@ pub enum Item<'a> {
     /// What a finished tile leaves for its parent.
     Summary(TileId, &'a ChildSummary),
     /// The same, taken out of its parent, which is not finished.
-    Part(TileId, &'a TileWork),
+    Part(TileId, &'a TileWork<'a>),
     /// The border of a finished tile.
     Border(TileId, &'a Lattice),
 }

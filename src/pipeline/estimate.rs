@@ -171,7 +171,8 @@ impl Sample {
                 }
                 fill::inside(&mut lattice);
                 let id = TileId::new(plan.pyramid.levels, x, y);
-                let (finished, summary) = TileWork::leaf(lattice).finish(id, plan, &mut buffers.lend())?;
+                let work = TileWork::leaf(lattice);
+                let (finished, summary, _) = work.finish(id, &[], plan, &mut buffers.lend())?;
                 Ok(Some((id, finished, summary)))
             })
             .collect::<Result<_>>()?;
@@ -203,11 +204,11 @@ impl Sample {
                 let at = leaves.iter().position(|(leaf, _)| *leaf == id.child(quadrant))?;
                 Some(leaves.swap_remove(at).1)
             });
-            works.extend(TileWork::parent(summaries, plan, buffers).map(|work| (id, work)));
+            works.extend(TileWork::parent(summaries).map(|work| (id, work)));
         }
         let made: Vec<Finished> = works
             .into_par_iter()
-            .map(|(id, mut work)| Ok(work.finish(id, plan, &mut buffers.lend())?.0))
+            .map(|(id, work)| Ok(work.finish(id, &[], plan, &mut buffers.lend())?.0))
             .collect::<Result<_>>()?;
         self.parents += columns.len() as u64;
         self.parent_bytes += made.iter().map(bytes).sum::<u64>();

@@ -60,6 +60,11 @@ impl Sizes {
     }
 }
 
+/// Bytes of the samples of a tile.
+pub fn of_lattice(plan: &Plan) -> u64 {
+    Sizes::of(plan).lattice
+}
+
 /// Bytes of memory in use when the imagery layer over so many tiles of heights is begun.
 pub fn beside_heights(tiles: u64, threads: usize) -> u64 {
     PROGRAM + threads as u64 * THREAD + tiles * INDEX
@@ -131,9 +136,10 @@ impl Bands {
 ///   there before them.
 /// - The samples of a band, and what reading it takes beside them ([`of_reading`]); the buffers of
 ///   each thread; what a checkpoint encodes at a time; the index of the whole file; and the program
-///   itplan.
+///   itself. (A band that waits for its tiles to be cut takes less than their lattices would.)
 ///
-/// It is for voids everywhere; terrain without them takes less. Memory that is done with is kept
+/// It is for voids everywhere; terrain without them takes half of it or less: leaf tiles wait in
+/// their band, and of the levels above only what finished tiles leave. Memory that is done with is kept
 /// for the next tile (`buffers`), so that the memory of one kind of these never becomes that of
 /// another. Imagery is made afterwards ([`super::imagery::Imagery::memory`]). What GDAL keeps while
 /// it warps is not in it.

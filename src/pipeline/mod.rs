@@ -1,11 +1,12 @@
 //! A raster becomes a file, in stages that stream from north to south.
 //!
 //! 1. [`plan()`] says what the file will be: the pyramid of levels, the memory and the options.
-//! 2. `run` reads the window of the build in bands of T + 1 rows; `bands` cuts a band into a row of
+//! 2. `run` reads the window of the build in bands of T + 1 rows; `bands` makes of each a row of
 //!    leaf tiles.
 //! 3. `sweep` takes the rows. As soon as the row below is known, it fills voids, measures errors,
 //!    encodes, appends to the writer and halves. Two finished rows make one row of the level above,
-//!    up to the root.
+//!    up to the root. A tile without voids is cut, or put together from its children, by the task
+//!    that finishes it (`tile_work`), while it is in the processor's cache.
 //! 4. `assemble` makes imagery, metadata and statistics, and lets the writer put the file together.
 //!
 //! A build works on a window of leaf tiles, by default all of them. What it cannot finish at the
@@ -46,6 +47,7 @@ mod state;
 mod statistics;
 mod sweep;
 mod threads;
+mod tile_row;
 mod tile_work;
 mod value_range;
 mod window_levels;

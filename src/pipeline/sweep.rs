@@ -3,13 +3,13 @@
 //! ```text
 //!                 column 0    1    2    3
 //! level l, row    +----+----+----+----+
-//!   y - 1  north  | done: lattices only |      fills of row y look at all eight neighbours,
-//!                 +----+----+----+----+        so that row y waits for row y + 1
+//!   y - 1  north  | only what is seen  |      fills of row y look at all eight neighbours,
+//!                 +----+----+----+----+        so its tiles with voids wait for row y + 1
 //!   y    current  | fill, measure,     |  --> writer, statistics
 //!                 | encode, halve      |  --> a child summary for each tile
 //!                 +----+----+----+----+
-//!   y + 1  south  | has just come      |
-//!                 +----+----+----+----+
+//!   y + 1  south  | has just come      |      above the leaves, tiles without voids are finished
+//!                 +----+----+----+----+        as they come
 //!
 //!   waiting       s0   s1   s2   s3            summaries of row y, if y is even;
 //!                 t0   t1   t2   t3            with those of row y + 1 they make
@@ -30,108 +30,24 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use super::buffers::Buffers;
+use super::buffers::{Buffers, Lent};
 use super::carry::{Carried, CarryFile, Item, encode_each};
 use super::child_summary::ChildSummary;
 use super::plan::Plan;
-use super::pyramid::Pyramid;
 use super::statistics::StatisticsBuilder;
+use super::tile_row::{Slot, Summaries, TileRow, fills, give_back};
 use super::tile_work::{Finished, TileWork};
 use super::window_levels::WindowLevels;
 use crate::error::Result;
-use crate::sample::{Lattice, VOID};
 use crate::tile::TileId;
-use crate::tile::fill::{self, Fill, Neighbourhood};
+use crate::tile::fill::Fill;
 use crate::writer::ContainerWriter;
-
-/// A tile's place in a row.
-pub enum Slot {
-    /// A tile to be finished. Afterwards its neighbours still look at its lattice.
-    TileWork(Box<TileWork>),
-    /// A tile that is finished elsewhere, or lies outside the window: its neighbours look at it.
-    Seen(Lattice),
-}
-
-impl Slot {
-    fn lattice(&self) -> &Lattice {
-        match self {
-            Self::TileWork(work) => &work.lattice,
-            Self::Seen(lattice) => lattice,
-        }
-    }
-
-    fn into_lattice(self) -> Lattice {
-        match self {
-            Self::TileWork(work) => work.lattice,
-            Self::Seen(lattice) => lattice,
-        }
-    }
-}
-
-/// Tiles of one row of a level.
-pub struct TileRow {
-    /// The row.
-    pub y: u32,
-    /// The tiles that exist, by their column, from west to east.
-    pub slots: Vec<(u32, Slot)>,
-}
-
-impl TileRow {
-    fn slot(&self, x: u32) -> Option<&Slot> {
-        let index = self.slots.binary_search_by_key(&x, |(x, _)| *x).ok()?;
-        self.slots.get(index).map(|(_, slot)| slot)
-    }
-
-    /// The row without the tiles that no tile of the row to the south will look at. Only tiles with
-    /// voids look.
-    fn needed_by(mut self, south: &Self, buffers: &Buffers) -> Self {
-        let has_void =
-            |slot: &Slot| matches!(slot, Slot::TileWork(work) if work.lattice.state.contains(&VOID));
-        let looking: Vec<u32> =
-            south.slots.iter().filter(|(_, slot)| has_void(slot)).map(|(x, _)| *x).collect();
-        let unseen = |(x, _): &mut (u32, Slot)| {
-            let next = looking.partition_point(|looking| looking + 1 < *x);
-            looking.get(next).is_none_or(|looking| *looking > *x + 1)
-        };
-        give_back(self.slots.extract_if(.., unseen), buffers);
-        self
-    }
-
-    /// Hands to `put` what the tiles in some columns carry: their borders if they are finished,
-    /// else the summaries of their children.
-    fn carry_over(
-        &self,
-        level: u8,
-        wanted: impl Fn(u32) -> bool,
-        put: &mut dyn FnMut(&[u8]) -> Result<()>,
-    ) -> Result<()> {
-        let mut items = Vec::new();
-        for (x, slot) in self.slots.iter().filter(|(x, _)| wanted(*x)) {
-            let (id, before) = (TileId::new(level, *x, self.y), items.len());
-            if let Slot::TileWork(work) = slot {
-                items.extend(work.quadrants().map(|quadrant| Item::Part(id.child(quadrant), work)));
-            }
-            if items.len() == before {
-                items.push(Item::Border(id, slot.lattice()));
-            }
-        }
-        encode_each(&items, put)
-    }
-}
-
-/// Gives the memory of tiles back that no tile will look at any more.
-fn give_back(slots: impl Iterator<Item = (u32, Slot)>, buffers: &Buffers) {
-    slots.map(|(_, slot)| slot.into_lattice()).for_each(|lattice| buffers.lattices.give(lattice.n, lattice));
-}
-
-/// Summaries of a row by column, ascending.
-type Summaries = Vec<(u32, ChildSummary)>;
 
 /// All levels of a build in progress.
 pub struct Sweep<'a> {
     plan: &'a Plan,
     window_levels: WindowLevels,
-    levels: Vec<Level>,
+    levels: Vec<Level<'a>>,
     output: Output,
     /// Memory of tiles that are done with.
     buffers: &'a Buffers,
@@ -155,11 +71,11 @@ pub struct Output {
 }
 
 #[derive(Default)]
-struct Level {
+struct Level<'a> {
     /// The last finished row: only its lattices are used.
-    north: Option<TileRow>,
+    north: Option<TileRow<'a>>,
     /// The next row to be finished.
-    current: Option<TileRow>,
+    current: Option<TileRow<'a>>,
     /// Summaries of the last finished row, if the row that it is paired with is still to come.
     waiting: Option<(u32, Summaries)>,
 }
@@ -178,7 +94,7 @@ impl<'a> Sweep<'a> {
     }
 
     /// Takes the next row of leaf tiles.
-    pub fn push(&mut self, row: TileRow) -> Result<()> {
+    pub fn push(&mut self, row: TileRow<'a>) -> Result<()> {
         self.push_at(self.plan.pyramid.levels, row)
     }
 
@@ -186,7 +102,9 @@ impl<'a> Sweep<'a> {
     /// carried.
     pub fn pass(&mut self, y: u32) -> Result<()> {
         self.passed = y + 1;
-        self.stack(self.plan.pyramid.levels, y, Vec::new())
+        let leaves = self.plan.pyramid.levels;
+        let summaries = self.earlier.take_summaries(leaves, y, self.plan)?;
+        self.stack(leaves, y, summaries)
     }
 
     /// Finishes the rows that still wait for another, at every level.
@@ -247,71 +165,110 @@ impl<'a> Sweep<'a> {
         self.output
     }
 
-    fn push_at(&mut self, level: u8, row: TileRow) -> Result<()> {
+    fn push_at(&mut self, level: u8, mut row: TileRow<'a>) -> Result<()> {
+        if level < self.plan.pyramid.levels && self.is_finished_here(level, row.y) {
+            // Tiles without voids need no neighbour. What they leave takes less memory than what
+            // their children left for them. (Leaf tiles take the least while they are in the band.)
+            self.finish_tiles(level, &mut row, Vec::new(), |work| !work.has_void(), |_| true)?;
+        }
         if self.levels[usize::from(level)].current.is_some() {
-            self.work(level, Some(&row))?;
+            self.work(level, Some(&mut row))?;
         }
         self.levels[usize::from(level)].current = Some(row);
         Ok(())
     }
 
-    /// Finishes the current row of a level, now that the row to the south is known.
-    fn work(&mut self, level: u8, south: Option<&TileRow>) -> Result<()> {
-        let Some(mut row) = self.levels[usize::from(level)].current.take() else { return Ok(()) };
-        let passed = level == self.plan.pyramid.levels && row.y < self.passed;
-        let summaries = if self.window_levels.finished(level).rows.contains(&row.y) && !passed {
-            Some(self.finish_row(level, &mut row, south)?)
-        } else {
-            None
-        };
-        self.carry_over(level, &row)?;
-        let y = row.y;
-        let row = match south {
-            Some(south) => Some(row.needed_by(south, self.buffers)),
-            None => None,
-        };
-        let north = std::mem::replace(&mut self.levels[usize::from(level)].north, row);
-        give_back(north.into_iter().flat_map(|row| row.slots), self.buffers);
-        summaries.map_or(Ok(()), |summaries| self.stack(level, y, summaries))
+    /// True if the tiles of this row are finished here, and not only looked at.
+    fn is_finished_here(&self, level: u8, y: u32) -> bool {
+        let passed = level == self.plan.pyramid.levels && y < self.passed;
+        self.window_levels.finished(level).rows.contains(&y) && !passed
     }
 
-    /// Finishes the tiles of a row that can be finished here. Returns their summaries.
-    fn finish_row(&mut self, level: u8, row: &mut TileRow, south: Option<&TileRow>) -> Result<Summaries> {
-        let (plan, y) = (self.plan, row.y);
-        let columns = self.window_levels.finished(level).columns.clone();
-        let north = self.levels[usize::from(level)].north.as_ref();
-        let fills = fills(&plan.pyramid, level, north, row, south, &columns);
-        let buffers = self.buffers;
-        let work = || -> Vec<Option<Result<(Finished, ChildSummary)>>> {
-            row.slots
-                .par_iter_mut()
-                .zip(fills)
-                .map_init(
-                    || buffers.lend(),
-                    |lent, ((x, slot), fills)| match slot {
-                        Slot::TileWork(work) if columns.contains(x) => {
-                            fill::apply(&mut work.lattice, &fills);
-                            Some(work.finish(TileId::new(level, *x, y), plan, lent))
-                        }
-                        _ => None,
-                    },
-                )
-                .collect()
-        };
-        let unwritten = std::mem::take(&mut self.unwritten);
-        let (written, finished) = rayon::join(|| self.output.write(unwritten, plan), work);
-        written?;
-        let mut summaries = Vec::with_capacity(finished.len());
-        for tile in finished.into_iter().flatten() {
-            let (tile, summary) = tile?;
-            summaries.push((tile.record.id.x, summary));
-            self.unwritten.push(tile);
+    /// Finishes the current row of a level, now that the row to the south is known.
+    fn work(&mut self, level: u8, mut south: Option<&mut TileRow<'a>>) -> Result<()> {
+        let Some(mut row) = self.levels[usize::from(level)].current.take() else { return Ok(()) };
+        let is_finished = self.is_finished_here(level, row.y);
+        if is_finished {
+            self.finish_row(level, &mut row, south.as_deref_mut())?;
         }
-        Ok(summaries)
+        let (y, summaries) = (row.y, row.take_summaries());
+        self.carry_over(level, &row)?;
+        let row = south.map(|south| row.needed_by(&south.looking(), self.buffers));
+        let north = std::mem::replace(&mut self.levels[usize::from(level)].north, row);
+        give_back(north.into_iter().flat_map(|row| row.slots), self.buffers);
+        if is_finished { self.stack(level, y, summaries) } else { Ok(()) }
+    }
+
+    /// Finishes the tiles of a row that can be finished here.
+    fn finish_row(
+        &mut self,
+        level: u8,
+        row: &mut TileRow<'a>,
+        mut south: Option<&mut TileRow<'a>>,
+    ) -> Result<()> {
+        let looking = row.looking();
+        let north = self.levels[usize::from(level)].north.as_mut();
+        for row in north.into_iter().chain([&mut *row]).chain(south.as_deref_mut()) {
+            row.show_to(&looking, self.plan, self.buffers);
+        }
+        let south = south.as_deref();
+        let columns = &self.window_levels.finished(level).columns;
+        let north = self.levels[usize::from(level)].north.as_ref();
+        let fills = fills(&self.plan.pyramid, level, north, row, south, columns);
+        let (looking, y) = (south.map(TileRow::looking), row.y);
+        let (window_levels, is_leaf) = (self.window_levels.clone(), level == self.plan.pyramid.levels);
+        let is_seen = |x: u32| {
+            looking.as_ref().is_some_and(|looking| looking.at(x))
+                || !is_leaf && window_levels.is_at_side(level, x, y)
+        };
+        self.finish_tiles(level, row, fills, |_| true, is_seen)
+    }
+
+    /// Finishes those tiles of a row that are `wanted` and can be finished here, with these fills
+    /// (none if the list is empty). It keeps the samples of those that are `seen`. Meanwhile the
+    /// tiles finished before are written.
+    fn finish_tiles(
+        &mut self,
+        level: u8,
+        row: &mut TileRow<'a>,
+        mut fills: Vec<Vec<Fill>>,
+        wanted: impl Fn(&TileWork<'a>) -> bool + Sync,
+        seen: impl Fn(u32) -> bool + Sync,
+    ) -> Result<()> {
+        let (plan, buffers, y) = (self.plan, self.buffers, row.y);
+        let columns = self.window_levels.finished(level).columns.clone();
+        fills.resize(row.slots.len(), Vec::new());
+        let finish = |lent: &mut Lent<'_>, ((x, slot), fills): ((u32, Slot<'a>), Vec<Fill>)| {
+            let work = match slot {
+                Slot::TileWork(work) if columns.contains(&x) && wanted(&work) => work,
+                other => return Ok(((x, other), None)),
+            };
+            let (tile, summary, lattice) = work.finish(TileId::new(level, x, y), &fills, plan, lent)?;
+            let lattice = if seen(x) {
+                Some(lattice)
+            } else {
+                buffers.lattices.give(lattice.n, lattice);
+                None
+            };
+            Ok(((x, Slot::Finished(Box::new(summary), lattice)), Some(tile)))
+        };
+        let slots = std::mem::take(&mut row.slots);
+        let work = || -> Vec<Result<_>> {
+            slots.into_par_iter().zip(fills).map_init(|| buffers.lend(), finish).collect()
+        };
+        let (unwritten, output) = (std::mem::take(&mut self.unwritten), &mut self.output);
+        let (written, finished) = rayon::join(|| output.write(unwritten, plan), work);
+        written?;
+        for result in finished {
+            let (slot, tile) = result?;
+            row.slots.push(slot);
+            self.unwritten.extend(tile);
+        }
+        Ok(())
     }
 
     /// Carries what the merge will need of a row that has been finished.
-    fn carry_over(&mut self, level: u8, row: &TileRow) -> Result<()> {
+    fn carry_over(&mut self, level: u8, row: &TileRow<'a>) -> Result<()> {
         if level == self.plan.pyramid.levels {
             return Ok(());
         }
@@ -320,14 +277,9 @@ impl<'a> Sweep<'a> {
     }
 
     /// Pairs a finished row with the one that waits for it.
-    fn stack(&mut self, level: u8, y: u32, mut summaries: Summaries) -> Result<()> {
+    fn stack(&mut self, level: u8, y: u32, summaries: Summaries) -> Result<()> {
         if level == 0 {
             return Ok(());
-        }
-        let earlier = self.earlier.take_summaries(level, y, self.plan)?;
-        if !earlier.is_empty() {
-            summaries.extend(earlier);
-            summaries.sort_unstable_by_key(|(x, _)| *x);
         }
         let waiting = &mut self.levels[usize::from(level)].waiting;
         if y.is_multiple_of(2) {
@@ -344,7 +296,7 @@ impl<'a> Sweep<'a> {
         if level == 0 {
             return Ok(());
         }
-        let (plan, above, y) = (self.plan, level - 1, y / 2);
+        let (above, y) = (level - 1, y / 2);
         let assembled = self.window_levels.assembled(above).clone();
         let mut quads: BTreeMap<u32, [Option<ChildSummary>; 4]> = BTreeMap::new();
         let mut carried = Vec::new();
@@ -366,18 +318,29 @@ impl<'a> Sweep<'a> {
         for (_, summary) in carried {
             summary.into_errors(buffers);
         }
-        let parent = |(x, quad)| Some((x, Slot::TileWork(Box::new(TileWork::parent(quad, plan, buffers)?))));
+        let parent = |(x, quad)| Some((x, Slot::TileWork(Box::new(TileWork::parent(quad)?))));
         let quads: Vec<_> = quads.into_iter().collect();
         let mut slots: Vec<(u32, Slot)> = quads.into_par_iter().filter_map(parent).collect();
-        let made = slots.len();
-        for (x, border) in self.earlier.take_borders(above, y, plan)? {
-            let is_made = slots[..made].binary_search_by_key(&x, |(x, _)| *x).is_ok();
-            if assembled.columns.contains(&x) && !is_made {
-                slots.push((x, Slot::Seen(border)));
-            }
-        }
+        let earlier = self.take_earlier(above, y)?;
+        let is_made = |x: &u32| slots.binary_search_by_key(x, |(x, _)| *x).is_ok();
+        let earlier: Vec<_> = earlier.into_iter().filter(|(x, _)| !is_made(x)).collect();
+        slots.extend(earlier);
         slots.sort_unstable_by_key(|(x, _)| *x);
         self.push_at(above, TileRow { y, slots })
+    }
+
+    /// The tiles of a row that other builds have finished, as far as they are wanted here: what
+    /// they left for their parents, and their borders.
+    fn take_earlier(&mut self, level: u8, y: u32) -> Result<Vec<(u32, Slot<'a>)>> {
+        let columns = self.window_levels.assembled(level).columns.clone();
+        let borders = self.earlier.take_borders(level, y, self.plan)?;
+        let mut borders: BTreeMap<u32, _> =
+            borders.into_iter().filter(|(x, _)| columns.contains(x)).collect();
+        let summaries = self.earlier.take_summaries(level, y, self.plan)?;
+        let finished = |(x, summary)| (x, Slot::Finished(Box::new(summary), borders.remove(&x)));
+        let mut slots: Vec<_> = summaries.into_iter().map(finished).collect();
+        slots.extend(borders.into_iter().map(|(x, border)| (x, Slot::Seen(border))));
+        Ok(slots)
     }
 }
 
@@ -390,32 +353,4 @@ impl Output {
         }
         Ok(())
     }
-}
-
-/// Fills of the tiles of a row that lie in `columns`; no fills for the others.
-fn fills(
-    pyramid: &Pyramid,
-    level: u8,
-    north: Option<&TileRow>,
-    row: &TileRow,
-    south: Option<&TileRow>,
-    columns: &std::ops::Range<u32>,
-) -> Vec<Vec<Fill>> {
-    // A leaf settles every spacing up to its size; above, only the size itself is new.
-    let from = if level == pyramid.levels { 1 } else { pyramid.tile };
-    let north = north.filter(|north| north.y.checked_add(1) == Some(row.y));
-    let south = south.filter(|south| row.y.checked_add(1) == Some(south.y));
-    let rows = [north, Some(row), south];
-    row.slots
-        .par_iter()
-        .map(|(x, slot)| {
-            if !columns.contains(x) || !matches!(slot, Slot::TileWork(_)) {
-                return Vec::new();
-            }
-            let around = rows.map(|row| {
-                [x.checked_sub(1), Some(*x), x.checked_add(1)].map(|x| row?.slot(x?).map(Slot::lattice))
-            });
-            Neighbourhood(around).fills(from, pyramid.tile)
-        })
-        .collect()
 }

@@ -24,7 +24,8 @@ impl ValueRange {
     }
 
     /// Range of the samples that have a height, filled or valid, and of the valid ones alone.
-    pub fn of(lattice: &Lattice, coding: Coding) -> [Self; 2] {
+    /// `all_valid` says whether they all are.
+    pub fn of(lattice: &Lattice, all_valid: bool, coding: Coding) -> [Self; 2] {
         if coding.has_low() {
             return [FILLED, VALID].map(|least| {
                 let known = (0..lattice.state.len()).filter(|&i| lattice.state[i] >= least);
@@ -34,8 +35,12 @@ impl ValueRange {
             });
         }
         let (code, state) = (&lattice.code, &lattice.state);
-        let known = state::known_range(code, state);
-        let valid = if state::all_valid(state) { known } else { state::valid_range(code, state) };
+        let (known, valid) = if all_valid {
+            let range = state::range(code);
+            (range, range)
+        } else {
+            (state::known_range(code, state), state::valid_range(code, state))
+        };
         [known, valid].map(|range| {
             range.map_or(Self::EMPTY, |(low, high)| {
                 let (a, b) = (coding.value(low, 0), coding.value(high, 0));

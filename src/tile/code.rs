@@ -149,8 +149,36 @@ impl Recipe {
         }
     }
 
+    /// True if none of some samples of a window is void.
+    pub fn is_valid(&self, window: &Window, run: Range<usize>) -> bool {
+        let valid = match &window.samples {
+            Samples::Int8(v) => self.integers_are_valid(&v[run.clone()]),
+            Samples::Uint8(v) => self.integers_are_valid(&v[run.clone()]),
+            Samples::Int16(v) => self.integers_are_valid(&v[run.clone()]),
+            Samples::Uint16(v) => self.integers_are_valid(&v[run.clone()]),
+            Samples::Int32(v) => self.integers_are_valid(&v[run.clone()]),
+            Samples::Uint32(v) => self.integers_are_valid(&v[run.clone()]),
+            Samples::Float32(v) => self.floats_are_valid(&v[run.clone()]),
+            Samples::Float64(v) => self.floats_are_valid(&v[run.clone()]),
+        };
+        valid && window.mask.as_ref().is_none_or(|mask| every(&mask[run], |&valid| valid != 0))
+    }
+
+    fn integers_are_valid<T: Copy + PartialEq + TryFrom<i64>>(&self, values: &[T]) -> bool {
+        self.nodata_integer().is_none_or(|nodata: T| every(values, |&raw| raw != nodata))
+    }
+
+    fn floats_are_valid<T: Copy + Into<f64>>(&self, values: &[T]) -> bool {
+        every(values, |&value| value.into().is_finite() & !self.nodata.is(value.into()))
+    }
+
+    /// The nodata value, if a sample can have it.
+    fn nodata_integer<T: TryFrom<i64>>(&self) -> Option<T> {
+        self.nodata.near().and_then(|(value, _)| T::try_from(value as i64).ok())
+    }
+
     fn integers<T: Copy + PartialEq + Into<i64> + TryFrom<i64>>(&self, values: &[T], out: &mut Codes) {
-        let nodata = self.nodata.near().and_then(|(value, _)| T::try_from(value as i64).ok());
+        let nodata = self.nodata_integer();
         let Coding::Integer { offset, .. } = self.coding else { return };
         if self.quantised {
             let values = values.iter().map(|&raw| (Some(raw) != nodata).then(|| raw.into() as f64));
@@ -205,6 +233,11 @@ impl Recipe {
             out.state.push(if value.is_some() { VALID } else { VOID });
         }
     }
+}
+
+/// True if a condition holds for all samples. Has no early end, so that the compiler uses vectors.
+fn every<T>(samples: &[T], condition: impl Fn(&T) -> bool) -> bool {
+    samples.iter().fold(true, |all, sample| all & condition(sample))
 }
 
 /// Largest absolute value of the valid samples of a window; 0 if there are none.
