@@ -139,10 +139,10 @@ impl Bands {
 ///   itself. (A band that waits for its tiles to be cut takes less than their lattices would.)
 ///
 /// It is for voids everywhere; terrain without them takes half of it or less: leaf tiles wait in
-/// their band, and of the levels above only what finished tiles leave. Memory that is done with is kept
-/// for the next tile (`buffers`), so that the memory of one kind of these never becomes that of
-/// another. Imagery is made afterwards ([`super::imagery::Imagery::memory`]). What GDAL keeps while
-/// it warps is not in it.
+/// their band, and of the levels above only what finished tiles leave. Memory that is done with is
+/// kept for the next tile (`buffers`), so that the memory of one kind of these never becomes that
+/// of another. Imagery is made afterwards ([`super::imagery::Imagery::memory`]). What GDAL keeps
+/// while it warps is not in it.
 pub fn estimate(plan: &Plan, columns: &Range<u32>) -> u64 {
     let rows: Vec<u64> = (0..=plan.pyramid.levels).map(|up| plan.occupied.widest(up, columns)).collect();
     (rows[0] * Sizes::of(plan).lattice)

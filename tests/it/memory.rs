@@ -249,17 +249,25 @@ const SHAPES: [(&str, (u32, u32), Option<u32>); 3] =
     [("blocks", (5000, 1200), Some(2048)), ("strip", (3000, 2000), None), ("wide", (24_000, 300), Some(64))];
 
 /// A folder with these rasters, and what is built of them: `blocks.tif`, `blocks.rlv`, and so on.
+/// Tests that run as processes of one runner make it once.
 fn built() -> PathBuf {
     static READY: OnceLock<PathBuf> = OnceLock::new();
     let make = || {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("memory");
         fs::create_dir_all(&folder).expect("folder");
+        let lock = fs::File::create(folder.join("lock")).expect("lock");
+        lock.lock().expect("lock");
+        let (done, runner) = (folder.join("made-by"), std::os::unix::process::parent_id().to_string());
+        if fs::read_to_string(&done).is_ok_and(|by| by == runner) {
+            return folder;
+        }
         for (name, size, side) in SHAPES {
             let dem = format!("{name}.tif");
             wide_blocks(&folder.join(&dem), size, side);
             let made = program(&folder, &["build", &dem, "--tile", "128", "--force", "--quiet"]).status();
             assert!(made.expect("runs").success(), "{name}");
         }
+        fs::write(done, runner).expect("mark");
         folder
     };
     READY.get_or_init(make).clone()

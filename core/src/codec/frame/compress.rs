@@ -23,7 +23,10 @@ const PLANE: usize = 4096;
 /// near each other, and any other match replaces Huffman codes that are shorter.
 const HASH_LOG: u32 = 10;
 /// Bytes between the places where zstd looks for matches in a plane of residuals that has them.
-const STRIDE: u32 = 7;
+/// Against 3, files of rasters with many voids are 0.4 to 0.9 per cent larger with 7 and 0.8 to 1.8
+/// with 15, others 0.0 to 0.4; 1 saves nothing more. A build takes 0.4 to 1.0 per cent more
+/// instructions than with 7.
+const STRIDE: u32 = 3;
 /// The same in a plane where a match would only replace Huffman codes that are shorter: zstd looks
 /// once or twice in a block. A plane of one value is still found.
 const RARELY: u32 = 131_071;
