@@ -66,18 +66,23 @@ impl<'a> Bands<'a> {
 pub struct Band<'a> {
     source: &'a dyn Source,
     plan: &'a Plan,
-    /// For each run of tiles: the first, how many samples a row has, and the rows.
+    /// For each run of tiles, from west to east: its columns, how many samples a row has, and the
+    /// rows.
     runs: Vec<(Range<u32>, usize, Window)>,
+    /// Bytes of all samples.
+    pub bytes: u64,
 }
 
 impl<'a> Band<'a> {
     fn read(job: &'a Job<'a>, y: u32, columns: &Range<u32>) -> Result<Self> {
         let (plan, pyramid) = (&job.plan, &job.plan.pyramid);
         let rows = pyramid.sample_rows(&(y..y + 1));
-        let mut band = Self { source: job.source, plan, runs: Vec::new() };
+        let mut band = Self { source: job.source, plan, runs: Vec::new(), bytes: 0 };
         for run in plan.occupied.runs(y, columns) {
             let samples = pyramid.sample_columns(&run);
             let window = job.source.read_window(samples.clone(), rows.clone())?;
+            let mask = window.mask.as_ref().map_or(0, |mask| mask.len() as u64);
+            band.bytes += window.samples.len() as u64 * plan.sample_bytes + mask;
             band.runs.push((run, samples.len(), window));
         }
         Ok(band)
@@ -90,7 +95,7 @@ impl<'a> Band<'a> {
 
     /// The run of a tile: its rows, how many samples each has, and the number of the tile in it.
     fn place(&self, x: u32) -> Option<(&Window, usize, usize)> {
-        let (run, width, window) = self.runs.iter().find(|(run, ..)| run.contains(&x))?;
+        let (run, width, window) = self.runs.get(self.runs.partition_point(|(run, ..)| run.end <= x))?;
         Some((window, *width, (x - run.start) as usize))
     }
 
@@ -106,14 +111,6 @@ impl<'a> Band<'a> {
         let Plan { recipe, pyramid, .. } = self.plan;
         self.place(x)
             .is_some_and(|(window, width, x)| split::leaf((window, width), x, pyramid.tile, recipe, out))
-    }
-
-    /// Bytes of the samples.
-    pub fn bytes(&self) -> usize {
-        let of = |window: &Window| {
-            window.samples.len() * self.plan.sample_bytes as usize + window.mask.as_ref().map_or(0, Vec::len)
-        };
-        self.runs.iter().map(|(.., window)| of(window)).sum()
     }
 }
 

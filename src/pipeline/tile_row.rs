@@ -92,7 +92,7 @@ impl<'a> TileRow<'a> {
         };
         let (count, band) =
             self.slots.iter().filter_map(uncut).fold((0, 0), |(count, _), bytes| (count + 1, bytes));
-        if count * memory::of_lattice(plan) <= band as u64 {
+        if count * memory::of_lattice(plan) <= band {
             self.make(|_| true, plan, buffers);
         }
     }

@@ -106,8 +106,8 @@ impl<'a> TileWork<'a> {
     }
 
     /// Bytes of the band that its samples are still in; `None` if they have been cut.
-    pub fn band_bytes(&self) -> Option<usize> {
-        if let Samples::Uncut(band, _) = &self.samples { Some(band.bytes()) } else { None }
+    pub fn band_bytes(&self) -> Option<u64> {
+        if let Samples::Uncut(band, _) = &self.samples { Some(band.bytes) } else { None }
     }
 
     /// Cuts its samples, or puts them together.

@@ -106,8 +106,8 @@ const RUNS: usize = 32;
 ///
 /// Against searching every plane, files of 16 385 x 16 385 int16 samples become 12.6 % smaller
 /// (synthetic, smooth), 0.5 % (real mountains) and 0.05 % (real, with voids); of 18 real rasters
-/// one becomes larger, by 0.02 %, lowland with sea becomes 3.9 % smaller. Without
-/// the rule for runs files grow by up to 78 %, without that for bits by up to 0.3 %.
+/// one becomes larger, by 0.02 %, lowland with sea becomes 3.9 % smaller. Without the rule for runs
+/// files grow by up to 78 %, without that for bits by up to 0.3 %.
 #[cfg(feature = "write")]
 fn worth_matching(plane: &[u8], bits: f64) -> frame::Matches {
     let words = plane.as_chunks::<32>().0;
