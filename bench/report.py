@@ -110,9 +110,9 @@ def reading(results):
             continue
         speeds = {s["threads"]: s["samples_per_second"] / 1e6 for s in reader["sequential"]}
         row = [r["case"], str(reader["tiles"]), f"{reader['open_ms']:.2f}", f"{reader['open_resident_mb']:.1f}"]
-        row += [f"{reader['cold_leaf_ms']:.2f}", f"{reader['cold_leaf_worst_ms']:.2f}"]
+        row += [f"{reader[name]:.2f}" for name in ("cold_leaf_ms", "cold_leaf_worst_ms", "leaf_alone_ms", "leaf_alone_worst_ms")]
         rows.append([*row, cell(speeds.get(1), "{:.0f}"), cell(speeds.get(2), "{:.0f}")])
-    head = ["file of", "tiles", "open, ms", "resident, MB", "cold leaf, ms", "worst, ms"]
+    head = ["file of", "tiles", "open, ms", "resident, MB", "cold leaf, ms", "worst, ms", "alone, ms", "worst, ms"]
     return table([*head, "all leaves, 1 thread, Msamples/s", "2 threads"], rows)
 
 
@@ -215,7 +215,7 @@ def main():
         decoding(results),
         "## Reading\n",
         "`examples/read_bench`: a cold leaf is decoded with all of its ancestors by a reader that has decoded nothing "
-        "(median and worst of some 64); all leaves are read once in storage order, counted in samples of the raster.\n",
+        "(median and worst of some 64); alone by `read_tile_alone`, which keeps no ancestor and decodes only what the leaf needs of them; all leaves are read once in storage order, counted in samples of the raster.\n",
         reading(results),
         "## How to repeat\n",
         "```sh\nbench/run.sh --data DIR [--tiles FOLDER_OF_SRTM_TILES]\n```\n",

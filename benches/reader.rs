@@ -124,6 +124,18 @@ fn reading(group: &mut BenchmarkGroup<'_, criterion::measurement::WallTime>, pat
             BatchSize::PerIteration,
         );
     });
+    group.bench_function("cold leaf, alone", |bencher| {
+        let fresh = || {
+            turn = (turn + 29) % leaves.len();
+            (open(path, is_mapped), leaves[turn])
+        };
+        let read = |(reader, id): (Reader, TileId)| {
+            let mut tile = Lattice::default();
+            reader.read_tile_alone(id, &mut tile).expect("tile");
+            tile
+        };
+        bencher.iter_batched(fresh, read, BatchSize::PerIteration);
+    });
     let header = reader.header();
     group.throughput(Throughput::Elements(u64::from(header.width) * u64::from(header.height)));
     let all = std::thread::available_parallelism().map_or(1, usize::from);

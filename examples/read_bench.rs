@@ -2,10 +2,11 @@
 //!
 //! `cargo run --release --example read_bench -- FILE.rlv [THREADS]...`
 //!
-//! Prints one line of JSON: milliseconds and resident memory of an opening, milliseconds of a leaf
-//! that a fresh reader decodes with all of its ancestors (median and worst of 64), and for each
-//! number of threads the samples of the raster a second when every leaf is read once in storage
-//! order. The system's page cache is as it is: read the file before to measure it warm.
+//! Prints one line of JSON: milliseconds and resident memory of an opening; milliseconds of a leaf
+//! that a fresh reader decodes with all of its ancestors, and of one that it reads alone (median
+//! and worst of 64); and for each number of threads the samples of the raster a second when every
+//! leaf is read once in storage order. The system's page cache is as it is: read the file before to
+//! measure it warm.
 
 #![expect(clippy::print_stdout, reason = "its result")]
 
@@ -34,8 +35,8 @@ fn main() -> Result<()> {
     let leaves = reader.leaves()?;
     let header = reader.header();
     let samples = f64::from(header.width) * f64::from(header.height);
-    let mut cold = cold_leaves(path, &leaves)?;
-    cold.sort_by(f64::total_cmp);
+    let cold = cold_leaves(path, &leaves, |reader, id| reader.read_tile(id).map(drop))?;
+    let alone = cold_leaves(path, &leaves, |reader, id| reader.read_tile_alone(id, &mut Lattice::default()))?;
     let mut speeds = Vec::new();
     for count in if threads.is_empty() { vec![1] } else { threads } {
         let (seconds, decoded) = sequential(path, &leaves, count)?;
@@ -46,26 +47,36 @@ fn main() -> Result<()> {
     }
     println!(
         "{{\"tiles\": {}, \"leaves\": {}, \"open_ms\": {open_ms:.3}, \"open_resident_mb\": {open_mb:.1}, \
-         \"cold_leaf_ms\": {:.3}, \"cold_leaf_worst_ms\": {:.3}, \"sequential\": [{}]}}",
+         \"cold_leaf_ms\": {:.3}, \"cold_leaf_worst_ms\": {:.3}, \"leaf_alone_ms\": {:.3}, \
+         \"leaf_alone_worst_ms\": {:.3}, \"sequential\": [{}]}}",
         header.tile_count,
         leaves.len(),
         cold.get(cold.len() / 2).copied().unwrap_or(0.0),
         cold.last().copied().unwrap_or(0.0),
+        alone.get(alone.len() / 2).copied().unwrap_or(0.0),
+        alone.last().copied().unwrap_or(0.0),
         speeds.join(", ")
     );
     Ok(())
 }
 
-/// Milliseconds of leaves spread over the file, each read by a reader that has decoded nothing.
-fn cold_leaves(path: &Path, leaves: &[TileId]) -> Result<Vec<f64>> {
+/// Milliseconds of leaves spread over the file, each read by a reader that has decoded nothing;
+/// sorted.
+fn cold_leaves(
+    path: &Path,
+    leaves: &[TileId],
+    read: impl Fn(&Reader, TileId) -> Result<()>,
+) -> Result<Vec<f64>> {
     let step = (leaves.len() / 64).max(1);
-    let read = |&id: &TileId| {
+    let cold = |&id: &TileId| {
         let reader = Reader::open(path)?;
         let start = Instant::now();
-        std::hint::black_box(reader.read_tile(id)?);
+        read(&reader, id)?;
         Ok(milliseconds(start))
     };
-    leaves.iter().step_by(step).map(read).collect()
+    let mut times: Vec<f64> = leaves.iter().step_by(step).map(cold).collect::<Result<_>>()?;
+    times.sort_by(f64::total_cmp);
+    Ok(times)
 }
 
 /// Seconds to read all leaves once, and tiles decoded for it.

@@ -58,6 +58,7 @@ pub fn container(data: &[u8]) {
             Ok(())
         });
         for &id in ids.iter().take(8) {
+            let _ = reader.read_tile_alone(id, &mut Lattice::default());
             let _ = reader.read_tile(id);
             let _ = reader.read_errors(id);
         }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use relevo::container::{Reader, ReaderOptions};
 use relevo::geo::Geo;
 use relevo::pipeline::{self, BuildOptions, Silent};
-use relevo::sample::{Lattice, SampleType};
+use relevo::sample::{Lattice, SampleType, VOID};
 use relevo::source::{Fingerprint, Samples, Source, SourceInfo, Window};
 use relevo::{Result, TileId};
 
@@ -203,6 +203,40 @@ fn a_tile_does_not_depend_on_what_was_in_its_memory() {
             }
         }
     }
+}
+
+#[test]
+fn a_tile_read_alone_is_the_same_tile() {
+    let folder = tempfile::tempdir().expect("folder");
+    let vectors = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/vectors");
+    let vectors = std::fs::read_dir(vectors).expect("vectors").map(|file| file.expect("file").path());
+    let mut files: Vec<_> = vectors.filter(|path| path.extension().is_some_and(|end| end == "rlv")).collect();
+    assert!(files.len() > 9, "{files:?}");
+    let types = [SampleType::Int16, SampleType::Float32, SampleType::Float64];
+    files.extend(types.map(|sample_type| build(folder.path(), 513, sample_type)));
+    let mut with_voids = 0;
+    for path in files {
+        let tiles = oracle(&path);
+        for (turn, (id, tile)) in tiles.iter().enumerate() {
+            let reader = Reader::open(&path).expect("open");
+            let mut buffer = Lattice::clone(tile);
+            buffer.code.fill(turn as i32 * 1_000_003);
+            buffer.low.fill(77);
+            buffer.state.fill(turn as u8);
+            reader.read_tile_alone(*id, &mut buffer).expect("tile");
+            assert_eq!(buffer, **tile, "{id} of {}", path.display());
+            assert_eq!(reader.decoded_tiles(), u64::from(id.level) + 1, "{id}");
+            // And nothing that it left behind is taken for a tile.
+            if let Some(parent) = id.parent() {
+                assert_eq!(reader.read_tile(parent).expect("tile"), tiles[&parent], "{parent}");
+                reader.read_tile_alone(*id, &mut buffer).expect("tile");
+                assert_eq!(buffer, **tile, "{id} after its parent");
+                assert_eq!(reader.decoded_tiles(), 2 * u64::from(id.level) + 2, "{id}");
+            }
+        }
+        with_voids += u32::from(tiles.values().any(|tile| tile.state.contains(&VOID)));
+    }
+    assert!(with_voids > 0, "no file with voids");
 }
 
 #[test]

@@ -4,6 +4,8 @@
 //! them. A void sample without a fill keeps its prediction: its residual is 0, which takes hardly
 //! any bytes.
 
+use std::ops::Range;
+
 pub use crate::codec::void::Fills;
 use crate::codec::walk::{Decoder, Encoder, Places};
 use crate::codec::word::Weights;
@@ -130,6 +132,44 @@ pub fn decode(
     root: bool,
     scratch: &mut Scratch,
 ) -> Result<()> {
+    let places = Places::new(lattice.n, root, &lattice.state);
+    let (rows, has_void) = (0..lattice.n + 1, places.has_void);
+    decode_wanted(chunk, lattice, coding, Wanted { root, has_void, rows }, scratch)
+}
+
+/// [`decode`] of some rows (not none) of a tile without voids below the root. Only their states
+/// and the samples of [`parent_rows`] must be known before; other rows are not defined after.
+pub fn decode_rows(
+    chunk: &[u8],
+    lattice: &mut Lattice,
+    coding: Coding,
+    rows: Range<usize>,
+    scratch: &mut Scratch,
+) -> Result<()> {
+    decode_wanted(chunk, lattice, coding, Wanted { root: false, has_void: false, rows }, scratch)
+}
+
+/// Numbers of the even rows, halved, that [`decode_rows`] needs for some rows of a tile of `n`
+/// intervals.
+pub fn parent_rows(n: usize, rows: &Range<usize>) -> Range<usize> {
+    order::stages(n, false).next().map_or(0..n / 2 + 1, |stage| stage.needed(rows).parents)
+}
+
+/// What of a tile is decoded.
+struct Wanted {
+    root: bool,
+    has_void: bool,
+    rows: Range<usize>,
+}
+
+/// Sets the codes (and lows) of the newborn samples in the rows that are wanted.
+fn decode_wanted(
+    chunk: &[u8],
+    lattice: &mut Lattice,
+    coding: Coding,
+    Wanted { root, has_void, rows }: Wanted,
+    scratch: &mut Scratch,
+) -> Result<()> {
     check_shape(lattice, coding)?;
     let n = lattice.n;
     let count = order::newborn_count(n, root);
@@ -146,18 +186,20 @@ pub fn decode(
         // All other samples are newborn, and set before they are read.
         scratch.decimals.resize(lattice.code.len(), 0);
         for stage in order::stages(n, root).take(usize::from(!root)) {
-            for at in (0..=stage.m).flat_map(|b| stage.parents(b).indices()) {
+            for at in stage.needed(&rows).parents.flat_map(|b| stage.parents(b).indices()) {
                 scratch.decimals[at] = decimal::q_from_code(lattice.code[at], scale);
             }
         }
     }
     let codes = if scale.is_some() { &mut scratch.decimals } else { &mut lattice.code };
-    let (places, residuals) = (Places::new(n, root, &lattice.state), &scratch.residuals[..]);
+    let places = Places { n, root, state: &lattice.state, has_void, rows: (rows.start, rows.end) };
+    let residuals = &scratch.residuals[..];
     let mut coder =
         Decoder { codes, places, residuals, used: 0, states: &mut scratch.states, weights: parts.weights };
     scratch.walk.run(parts.narrow, places, &mut coder);
     if let Some(scale) = scale {
-        for row in order::newborn(n, root) {
+        let width = n + 1;
+        for row in order::newborn(n, root).filter(|row| rows.contains(&(row.first / width))) {
             for (code, &q) in row.of_mut(&mut lattice.code).zip(row.of(&scratch.decimals)) {
                 *code = decimal::code_from_q(q, scale);
             }

@@ -1,6 +1,8 @@
 //! The void mask of a tile (`format-spec.md`, section 8): one bit for each newborn sample, set
 //! where its validity is not that of the majority of its neighbours.
 
+use std::ops::Range;
+
 use crate::codec::order::{self, Row, Stage};
 use crate::codec::{Scratch, bits, frame};
 use crate::error::{Error, Result};
@@ -206,6 +208,30 @@ pub fn decode(
     root: bool,
     scratch: &mut Scratch,
 ) -> Result<()> {
+    let known = if root { 0..0 } else { 0..lattice.n / 2 + 1 };
+    decode_wanted(chunk, occupancy, lattice, (root, known), scratch)
+}
+
+/// [`decode`] of a tile without voids below the root, only some rows of whose parents are known:
+/// `known`, numbers of even rows, halved.
+pub fn decode_rows(
+    chunk: &[u8],
+    lattice: &mut Lattice,
+    known: Range<usize>,
+    scratch: &mut Scratch,
+) -> Result<()> {
+    let occupancy = Occupancy { has_valid: true, has_void: false };
+    decode_wanted(chunk, occupancy, lattice, (false, known), scratch)
+}
+
+/// [`decode`], with the numbers of the even rows, halved, whose samples are the parent's.
+fn decode_wanted(
+    chunk: &[u8],
+    occupancy: Occupancy,
+    lattice: &mut Lattice,
+    (root, known): (bool, Range<usize>),
+    scratch: &mut Scratch,
+) -> Result<()> {
     check_shape(lattice)?;
     let uniform = match occupancy {
         Occupancy { has_valid: true, has_void: true } => {
@@ -229,16 +255,17 @@ pub fn decode(
     if !chunk.is_empty() {
         return Err(Error::format("mask chunk", "none for a tile without void samples", chunk.len()));
     }
-    if !root && !even_states(lattice).all(|state| (state == VALID) == (uniform == VALID)) {
+    if !even_states(lattice, known).all(|state| (state == VALID) == (uniform == VALID)) {
         return Err(Error::format("tile flags", "one kind of samples, as the parent has", "the other kind"));
     }
     lattice.state.fill(uniform);
     Ok(())
 }
 
-/// States of the samples with even column and row.
-fn even_states(lattice: &Lattice) -> impl Iterator<Item = u8> {
-    lattice.state.chunks_exact(lattice.n + 1).step_by(2).flat_map(|row| row.iter().copied().step_by(2))
+/// States of the samples with even column in some even rows, given by half their numbers.
+fn even_states(lattice: &Lattice, halves: Range<usize>) -> impl Iterator<Item = u8> {
+    let even_rows = lattice.state.chunks_exact(lattice.n + 1).step_by(2);
+    even_rows.skip(halves.start).take(halves.len()).flat_map(|row| row.iter().copied().step_by(2))
 }
 
 /// Fails unless the plane has the size that `n` calls for: another one is the caller's mistake.

@@ -14,6 +14,8 @@
 //! A tile below the root has one stage, whose parents are samples of its parent tile. The root has
 //! all stages, from its four corners on.
 
+use std::ops::Range;
+
 use crate::simd::{self, Kernel};
 
 /// A row of evenly spaced samples of a lattice.
@@ -182,6 +184,20 @@ impl Stage {
         Row { first: (y * (self.n + 1) + x) * self.half, step: 2 * self.half, count }
     }
 
+    /// What has to be known and predicted for the samples of `rows` of the refined lattice (not
+    /// empty).
+    pub fn needed(self, rows: &Range<usize>) -> Needed {
+        let m = self.m;
+        let horizontals = rows.start.div_ceil(2)..rows.end.div_ceil(2);
+        let verticals = rows.start / 2..rows.end / 2;
+        // V between two rows of parents is predicted from the centres beside it and in the rows
+        // above and below; C from two rows of parents to each side. What lies outside the lattice
+        // continues its last two rows, which are among these.
+        let centres = verticals.start.saturating_sub(1)..(verticals.end + 1).min(m);
+        let parents = centres.start.saturating_sub(1)..(centres.end + 2).min(m + 1);
+        Needed { parents, centres, horizontals, verticals }
+    }
+
     /// The rows of the stage's newborn samples, in order.
     pub fn newborn(self) -> impl Iterator<Item = Row> {
         let centres = (0..self.m).map(move |b| self.centres(b));
@@ -189,6 +205,19 @@ impl Stage {
         let verticals = (0..self.m).map(move |b| self.verticals(b));
         centres.chain(horizontals).chain(verticals)
     }
+}
+
+/// Numbers of the rows of a [`Stage`] that some rows of its lattice need.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Needed {
+    /// Rows of the parents.
+    pub parents: Range<usize>,
+    /// Rows of C.
+    pub centres: Range<usize>,
+    /// Rows of H.
+    pub horizontals: Range<usize>,
+    /// Rows of V.
+    pub verticals: Range<usize>,
 }
 
 /// The stages of a tile of `n` intervals (a power of two, at least 2): all for the root, the last

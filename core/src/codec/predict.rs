@@ -97,13 +97,14 @@ pub struct Planes<W> {
 }
 
 impl<W: Word> Planes<W> {
-    /// Starts a stage of `(m + 1)^2` parents, given row by row with their void samples replaced.
-    pub fn start(&mut self, m: usize, parents: &[i32], base: i32) {
+    /// Starts a stage of `(m + 1)^2` parents, given row by row with their void samples replaced,
+    /// from row `first` on. The rows that are not given are not defined.
+    pub fn start(&mut self, m: usize, (first, parents): (usize, &[i32]), base: i32) {
         self.base = base;
         self.parents.resize(m + 1, m + 1);
         self.centres.resize(m, m);
         for (row, codes) in parents.chunks_exact(m + 1).enumerate() {
-            self.parents.set_row(row, codes, base);
+            self.parents.set_row(first + row, codes, base);
         }
         self.parents.pad();
     }

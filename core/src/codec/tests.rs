@@ -163,6 +163,42 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(192))]
+    #[test]
+    fn rows_decoded_alone_are_rows_of_the_tile(
+        size in 1_u32..=6, kind in 0..KINDS, seed: u64, (a, b) in (0_usize..65, 0_usize..65), dirt: i32
+    ) {
+        let n = 1_usize << size;
+        let (mut lattice, coding) = tile(n, kind, 0, seed);
+        lattice.state.fill(VALID);
+        let (a, b) = (a % (n + 1), b % (n + 1));
+        let rows = a.min(b)..a.max(b) + 1;
+        let mut scratch = Scratch::default();
+        let mut chunk = Vec::new();
+        height::encode((&lattice, height::Fills::Any), coding, false, &mut scratch, &mut chunk).unwrap();
+        // What need not be known holds dirt.
+        let known = height::parent_rows(n, &rows);
+        let mut decoded = lattice.clone();
+        for at in 0..lattice.code.len() {
+            let (x, y) = (at % (n + 1), at / (n + 1));
+            if !(x % 2 == 0 && y % 2 == 0 && known.contains(&(y / 2))) {
+                decoded.code[at] = dirt;
+                decoded.state[at] = dirt as u8;
+                decoded.low.iter_mut().skip(at).take(1).for_each(|low| *low = dirt as u32);
+            }
+        }
+        mask::decode_rows(&[], &mut decoded, known, &mut scratch).unwrap();
+        height::decode_rows(&chunk, &mut decoded, coding, rows.clone(), &mut scratch).unwrap();
+        let range = rows.start * (n + 1)..rows.end * (n + 1);
+        for at in range {
+            prop_assert_eq!(decoded.state[at], VALID);
+            prop_assert_eq!(decoded.code[at], lattice.code[at], "sample {}", at);
+            prop_assert_eq!(decoded.low_at(at), lattice.low_at(at), "sample {}", at);
+        }
+    }
+}
+
 #[test]
 fn the_largest_tile_comes_back() {
     let (lattice, coding) = tile(1024, 0, 4, 5);

@@ -1,8 +1,10 @@
 //! The walk through a tile's newborn samples. Encoder and decoder go through the same stages and
 //! predictions, and differ in what they do with a row of predictions.
 
+use std::ops::Range;
+
 use crate::codec::bits;
-use crate::codec::order::{self, Row, Stage};
+use crate::codec::order::{self, Needed, Row, Stage};
 use crate::codec::predict::Planes;
 use crate::codec::probe::{Probe, Target};
 use crate::codec::void::{self, Fills};
@@ -20,6 +22,8 @@ pub trait Coder {
     fn code_corner(&mut self, at: usize, prediction: i32) -> i32;
     /// Replaces the predictions of the next row by the codes; void samples keep their predictions.
     fn code_row(&mut self, row: Row, codes: &mut [i32]);
+    /// Passes over a row that is not needed.
+    fn skip_row(&mut self, row: Row);
     /// The sharpness of a stage whose parents are set.
     fn sharpness<W: Word>(&mut self, stage: Stage, numbers: &mut Numbers<W>) -> i32;
     /// The weights of a stage whose centres are set.
@@ -39,12 +43,20 @@ pub struct Places<'a> {
     pub state: &'a [u8],
     /// False if all samples are valid, as in most tiles; they take a faster way.
     pub has_void: bool,
+    /// First row that is wanted, and the row after the last. Those of a tile without voids below
+    /// the root may be a part; the samples of other rows are then not defined, before and after.
+    pub rows: (usize, usize),
 }
 
 impl<'a> Places<'a> {
-    /// The places of a tile with these states.
+    /// The places of a tile with these states, all of which are wanted.
     pub fn new(n: usize, root: bool, state: &'a [u8]) -> Self {
-        Self { n, root, state, has_void: !state::all_valid(state) }
+        Self { n, root, state, has_void: !state::all_valid(state), rows: (0, n + 1) }
+    }
+
+    /// The rows that are wanted.
+    fn rows(self) -> Range<usize> {
+        self.rows.0..self.rows.1
     }
 }
 
@@ -91,10 +103,13 @@ impl Scratch {
         self.row.resize(n / 2 + 1, 0);
         let base_of_root = root.then(|| code_corners(n, coder));
         for stage in order::stages(n, root) {
-            self.gather_parents(stage, places, coder.codes());
+            let needed =
+                if root { stage.needed(&(0..2 * stage.m + 1)) } else { stage.needed(&places.rows()) };
+            self.gather_parents(stage, &needed.parents, places, coder.codes());
+            // Any parent is a base: numbers do not wrap, so predictions do not depend on it.
             let base = base_of_root.unwrap_or(self.parents[0]);
-            numbers.planes.start(stage.m, &self.parents, base);
-            refine(&mut self.row, numbers, stage, coder);
+            numbers.planes.start(stage.m, (needed.parents.start, &self.parents), base);
+            refine(&mut self.row, numbers, (stage, needed), coder);
             if places.has_void {
                 coder.fill(stage);
             }
@@ -102,9 +117,9 @@ impl Scratch {
     }
 
     /// Sets the parents of a stage; void ones are interpolated.
-    fn gather_parents(&mut self, stage: Stage, places: Places<'_>, codes: &[i32]) {
+    fn gather_parents(&mut self, stage: Stage, rows: &Range<usize>, places: Places<'_>, codes: &[i32]) {
         self.parents.clear();
-        for b in 0..=stage.m {
+        for b in rows.clone() {
             stage.parents(b).gather(codes, &mut self.parents);
         }
         if places.has_void {
@@ -119,11 +134,20 @@ impl Scratch {
     }
 }
 
-/// Sends C, H and V of a stage through `coder`.
-fn refine<W: Word>(row: &mut [i32], numbers: &mut Numbers<W>, stage: Stage, coder: &mut impl Coder) {
+/// Sends the needed rows of C, H and V of a stage through `coder`.
+fn refine<W: Word>(
+    row: &mut [i32],
+    numbers: &mut Numbers<W>,
+    (stage, needed): (Stage, Needed),
+    coder: &mut impl Coder,
+) {
     let m = stage.m;
     let sharpness = coder.sharpness(stage, numbers);
     for b in 0..m {
+        if !needed.centres.contains(&b) {
+            coder.skip_row(stage.centres(b));
+            continue;
+        }
         numbers.planes.predict_centres(b, sharpness, &mut row[..m]);
         coder.code_row(stage.centres(b), &mut row[..m]);
         numbers.planes.set_centres(b, &row[..m]);
@@ -132,10 +156,18 @@ fn refine<W: Word>(row: &mut [i32], numbers: &mut Numbers<W>, stage: Stage, code
     let weights = coder.weights(stage, numbers);
     let planes = &numbers.planes;
     for b in 0..=m {
+        if !needed.horizontals.contains(&b) {
+            coder.skip_row(stage.horizontals(b));
+            continue;
+        }
         planes.predict_horizontals(b, weights, &mut row[..m]);
         coder.code_row(stage.horizontals(b), &mut row[..m]);
     }
     for b in 0..m {
+        if !needed.verticals.contains(&b) {
+            coder.skip_row(stage.verticals(b));
+            continue;
+        }
         planes.predict_verticals(b, weights, &mut row[..=m]);
         coder.code_row(stage.verticals(b), &mut row[..=m]);
     }
@@ -293,6 +325,11 @@ impl Coder for Encoder<'_> {
         }
     }
 
+    fn skip_row(&mut self, row: Row) {
+        debug_assert!(false, "every row is encoded");
+        self.residuals.resize(self.residuals.len() + row.count, 0);
+    }
+
     fn sharpness<W: Word>(&mut self, stage: Stage, numbers: &mut Numbers<W>) -> i32 {
         if self.choose {
             let Numbers { planes, probe } = numbers;
@@ -352,6 +389,10 @@ impl Coder for Decoder<'_> {
             simd::run(Add { codes, residuals });
         }
         row.scatter(codes, self.codes);
+    }
+
+    fn skip_row(&mut self, row: Row) {
+        self.used += row.count;
     }
 
     fn sharpness<W: Word>(&mut self, _: Stage, _: &mut Numbers<W>) -> i32 {

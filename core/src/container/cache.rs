@@ -151,8 +151,7 @@ impl Lattices {
             Ok(lattice) => return Ok(lattice),
             Err(claim) => claim,
         };
-        let pooled = self.pool.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let mut lattice = pooled.unwrap_or_default();
+        let mut lattice = self.pooled();
         // The holder of a claim waits only for tiles of levels nearer the root: no two threads wait
         // for each other.
         self.decode(id, decode, &mut lattice)?;
@@ -169,8 +168,26 @@ impl Lattices {
     pub fn decode(&self, id: TileId, decode: Decode<'_>, out: &mut Lattice) -> Result<()> {
         let parent = id.parent().map(|parent| self.get(parent, decode)).transpose()?;
         decode(id, parent.as_deref(), out)?;
-        self.decoded.fetch_add(1, Ordering::Relaxed);
+        self.count(1);
         Ok(())
+    }
+
+    /// Counts tiles that have been decoded.
+    pub fn count(&self, tiles: u64) {
+        self.decoded.fetch_add(tiles, Ordering::Relaxed);
+    }
+
+    /// A lattice of any content, in memory that has been used before if there is some.
+    pub fn pooled(&self) -> Lattice {
+        self.pool.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+    }
+
+    /// Pools the memory of a lattice.
+    pub fn pool(&self, lattice: Lattice) {
+        let mut pool = self.pool.lock().unwrap_or_else(PoisonError::into_inner);
+        if pool.len() < POOLED {
+            pool.push(lattice);
+        }
     }
 
     fn find_or_claim(&self, id: TileId) -> Result<Arc<Lattice>, Claim<'_>> {

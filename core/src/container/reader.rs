@@ -9,6 +9,7 @@
 //! There is no way to decode masks alone: a mask needs its parent's, and the states come with the
 //! heights of [`Reader::read_tile`]. To count samples, use [`Reader::statistics`].
 
+mod alone;
 mod imagery;
 mod index;
 mod tiles;

@@ -3,6 +3,7 @@
 //! The scratch memory of a thread, and the memory of evicted tiles, are used again from tile to
 //! tile.
 
+use std::ops::Range;
 use std::sync::{Arc, PoisonError};
 
 use super::{Reader, check_crc};
@@ -45,10 +46,7 @@ impl Reader {
     /// error `out` is not defined.
     pub fn read_tile_into(&self, id: TileId, out: &mut Lattice) -> Result<()> {
         if let Some(lattice) = self.lattices.find(id) {
-            out.n = lattice.n;
-            out.code.clone_from(&lattice.code);
-            out.low.clone_from(&lattice.low);
-            out.state.clone_from(&lattice.state);
+            copy(&lattice, out);
             return Ok(());
         }
         self.existing(id)?;
@@ -62,30 +60,49 @@ impl Reader {
 
     fn decode_tile(&self, id: TileId, parent: Option<&Lattice>, out: &mut Lattice) -> Result<()> {
         let entry = self.existing(id)?;
-        let lock = || self.pool.lock().unwrap_or_else(PoisonError::into_inner);
-        let scratch = lock().pop();
-        let mut scratch = scratch.unwrap_or_default();
-        let decoded = self.decode_at(&mut scratch, &entry, parent, out);
-        lock().push(scratch);
+        let mut scratch = self.scratch();
+        let rows = 0..self.header().tile() as usize + 1;
+        let decoded = self.decode_at(&mut scratch, &entry, parent, &rows, out);
+        self.keep_scratch(scratch);
         decoded
     }
 
-    fn decode_at(
+    /// Scratch memory for one thread.
+    pub(super) fn scratch(&self) -> Scratch {
+        self.pool.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+    }
+
+    /// Keeps scratch memory for another tile.
+    pub(super) fn keep_scratch(&self, scratch: Scratch) {
+        self.pool.lock().unwrap_or_else(PoisonError::into_inner).push(scratch);
+    }
+
+    /// Decodes some rows of a tile from its parent. Unless they are all rows, the tile must have a
+    /// parent and no voids, and the parent the rows that these need.
+    pub(super) fn decode_at(
         &self,
         scratch: &mut Scratch,
         entry: &TileEntry,
         parent: Option<&Lattice>,
+        rows: &Range<usize>,
         out: &mut Lattice,
     ) -> Result<()> {
-        let coding = self.header().coding;
+        let (n, coding) = (self.header().tile() as usize, self.header().coding);
         let (heights, mask) =
             self.heights_and_mask(entry, &mut scratch.chunks).map_err(|error| error.at(self.path()))?;
-        shape(out, self.header().tile() as usize, coding);
+        shape(out, n, coding);
+        let (root, is_whole) = (parent.is_none(), *rows == (0..n + 1));
+        let of_parent = if is_whole { 0..n / 2 + 1 } else { codec::height::parent_rows(n, rows) };
         if let Some(parent) = parent {
-            copy_even(parent, entry.id, out);
+            copy_even(parent, entry.id, &of_parent, out);
+        }
+        let scratch = &mut scratch.codec;
+        if !is_whole && entry.has_valid {
+            return codec::mask::decode_rows(mask, out, of_parent, scratch)
+                .and_then(|()| codec::height::decode_rows(heights, out, coding, rows.clone(), scratch))
+                .map_err(|error| self.in_tile(entry.id, error));
         }
         let occupancy = Occupancy { has_valid: entry.has_valid, has_void: entry.has_void };
-        let (root, scratch) = (parent.is_none(), &mut scratch.codec);
         codec::mask::decode(mask, occupancy, out, root, scratch)
             .and_then(|()| codec::height::decode(heights, out, coding, root, scratch))
             .map_err(|error| self.in_tile(entry.id, error))
@@ -115,6 +132,14 @@ impl Reader {
     }
 }
 
+/// Copies a lattice into the memory of another.
+pub(super) fn copy(lattice: &Lattice, out: &mut Lattice) {
+    out.n = lattice.n;
+    out.code.clone_from(&lattice.code);
+    out.low.clone_from(&lattice.low);
+    out.state.clone_from(&lattice.state);
+}
+
 /// Gives a lattice the size of a tile. It may keep old samples: a decoder writes every one.
 fn shape(lattice: &mut Lattice, n: usize, coding: Coding) {
     let count = (n + 1) * (n + 1);
@@ -124,11 +149,12 @@ fn shape(lattice: &mut Lattice, n: usize, coding: Coding) {
     }
 }
 
-/// Copies the samples of even column and row from the parent.
-fn copy_even(parent: &Lattice, id: TileId, lattice: &mut Lattice) {
+/// Copies the samples of even column from the parent, in some even rows: `rows` has half their
+/// numbers.
+fn copy_even(parent: &Lattice, id: TileId, rows: &Range<usize>, lattice: &mut Lattice) {
     let half = lattice.n / 2;
     let (left, top) = ((id.x & 1) as usize * half, (id.y & 1) as usize * half);
-    for row in 0..=half {
+    for row in rows.clone() {
         let (from, to) = (parent.at(left, top + row), lattice.at(0, 2 * row));
         let (source, target) = (from..=from + half, to..=to + lattice.n);
         spread(&parent.code[source.clone()], &mut lattice.code[target.clone()]);
