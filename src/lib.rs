@@ -57,6 +57,7 @@ pub mod geotiff_write;
 pub mod hillshade;
 #[doc(hidden)]
 pub mod imagery;
+pub mod mesh;
 #[doc(hidden)]
 pub mod patch;
 #[doc(hidden)]

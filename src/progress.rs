@@ -47,6 +47,8 @@ pub enum Stage {
     Samples,
     /// A deep check computes every error anew.
     Errors,
+    /// The triangles of a mesh are made.
+    Triangles,
 }
 
 impl Stage {
@@ -62,6 +64,7 @@ impl Stage {
             Self::Source => "source",
             Self::Samples => "samples",
             Self::Errors => "errors",
+            Self::Triangles => "triangles",
         }
     }
 }

@@ -12,7 +12,7 @@ const LAYERS: [&[&str]; 8] = [
     &["patch", "imagery", "writer"],
     &["pipeline", "geotiff_write", "hillshade"],
     &["build"],
-    &["verify", "export"],
+    &["verify", "export", "mesh"],
     &["cli", "main"],
 ];
 

@@ -1,0 +1,18 @@
+//! Triangle meshes of a file's terrain, with a proven error.
+//!
+//! [`nested`] makes the mesh of right isosceles triangles (papers 002 and 004), tile by tile: which
+//! vertices a tile needs (`square`), the set of all of them (`marks`), their triangles, cut at the
+//! window's sides and at outlines of voids (`cut`).
+
+mod cut;
+mod lookup;
+mod marks;
+mod needed;
+pub mod nested;
+mod square;
+mod terrain;
+mod triangle;
+mod vertex;
+
+pub use nested::Nested;
+pub use terrain::Extent;
