@@ -99,15 +99,14 @@ impl Work<'_> {
         let n = square.n;
         let spacing = side / n as i64;
         let resolve = |triangle: &Triangle| {
-            let corners = triangle.corners.map(|(x, y)| (left + x * spacing, top + y * spacing));
             let mut kinds = 0;
-            for &(x, y) in &corners {
+            for &(x, y) in &triangle.corners {
                 let vertex = Vertex::new(x as u32, y as u32);
                 if !terrain.extent.contains(vertex) {
                     kinds |= terrain.outside(vertex).1;
                 }
             }
-            terrain.judge(entry.id, &Triangle { corners, heights: triangle.heights }, &mut kinds)
+            terrain.judge(entry.id, triangle, &mut kinds)
         };
         let below = match quadrants {
             Some(quadrants) => square.mark_outer(quadrants, &resolve)?,

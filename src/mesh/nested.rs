@@ -16,6 +16,7 @@ use super::marks::{Marks, Numbered, interleave};
 use super::needed;
 use super::square::{HAS_VALID, HAS_VOID};
 use super::terrain::{Extent, Terrain};
+use super::triangle;
 use super::vertex::Vertex;
 use crate::container::Reader;
 use crate::error::{Error, Result};
@@ -282,11 +283,8 @@ fn upward([a, b, c]: [Vertex; 3]) -> [Vertex; 3] {
 
 /// True if a triangle has no area in the window.
 fn is_outside(corners: [Vertex; 3], extent: &Extent) -> bool {
-    let beyond = |value: fn(&Vertex) -> u32, (first, last): (u32, u32)| {
-        corners.iter().all(|corner| value(corner) <= first)
-            || corners.iter().all(|corner| value(corner) >= last)
-    };
-    beyond(|corner| corner.x, extent.columns) || beyond(|corner| corner.y, extent.rows)
+    let corners = corners.map(|corner| (i64::from(corner.x), i64::from(corner.y)));
+    !extent.meets(&triangle::Triangle { corners, heights: [0.0; 3] })
 }
 
 /// The triangles of the lattice that one task draws each, in order.

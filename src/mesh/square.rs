@@ -6,6 +6,7 @@
 //! by and the distance of the vertex from the side that it splits; only where that bound exceeds
 //! the limit are the samples of a triangle looked at, one by one.
 
+use super::terrain::Extent;
 use super::triangle::Triangle;
 use crate::error::Result;
 use crate::sample::VALID;
@@ -39,7 +40,7 @@ pub(super) struct Below {
     pub kinds: u8,
 }
 
-/// Answers for a triangle that a tile's own samples leave open.
+/// Answers for a triangle, in coordinates of the whole lattice, that a tile's samples leave open.
 pub(super) type Resolve<'a> = &'a dyn Fn(&Triangle) -> Result<Verdict>;
 
 /// One tile while its vertices are marked. Coordinates are its own, `0..=n`.
@@ -51,6 +52,10 @@ pub(super) struct Square {
     pub heights: Vec<f64>,
     /// States of the samples; empty if all are valid.
     pub states: Vec<u8>,
+    /// The sample of its corner, and the samples from one of its own to the next.
+    pub place: ((i64, i64), i64),
+    /// The window.
+    pub extent: Extent,
     /// First and last column, first and last row within the window; may be empty.
     pub inside: [(i64, i64); 2],
     /// What the terrain between its samples is off by at most; infinite if nothing is known.
@@ -274,8 +279,12 @@ impl Square {
             for corners in triangles.into_iter().flatten() {
                 let heights = corners.map(|(x, y)| self.heights[self.at(x as usize, y as usize)]);
                 let triangle = Triangle { corners, heights };
+                let absolute = self.absolute(&triangle);
+                if !self.is_inside() && !self.extent.meets(&absolute) {
+                    continue;
+                }
                 let verdict = match self.measure(&triangle, kinds) {
-                    Verdict::Open => resolve(&triangle)?,
+                    Verdict::Open => resolve(&absolute)?,
                     verdict => verdict,
                 };
                 match verdict {
@@ -289,6 +298,13 @@ impl Square {
         }
         self.bounds[at] = up(total);
         Ok(())
+    }
+
+    /// A triangle in coordinates of the whole lattice.
+    fn absolute(&self, triangle: &Triangle) -> Triangle {
+        let ((left, top), spacing) = self.place;
+        let corners = triangle.corners.map(|(x, y)| (left + x * spacing, top + y * spacing));
+        Triangle { corners, heights: triangle.heights }
     }
 
     /// What a triangle is off by, by the samples of this tile.

