@@ -207,6 +207,8 @@ def main():
         with open(os.path.join(root, "docs", "scaling.svg"), "w", encoding="utf-8") as file:
             file.write(picture)
         parts.append("![Seconds and peak memory over the number of samples, relevo and GDAL](docs/scaling.svg)\n")
+    with open(os.path.join(root, "bench", "replayed.md"), encoding="utf-8") as file:
+        replayed = file.read()
     parts += [
         "Processor time:\n", processor(results),
         "## Memory and sizes\n", space(results),
@@ -217,6 +219,7 @@ def main():
         "`examples/read_bench`: a cold leaf is decoded with all of its ancestors by a reader that has decoded nothing "
         "(median and worst of some 64); alone by `read_tile_alone`, which keeps no ancestor and decodes only what the leaf needs of them; all leaves are read once in storage order, counted in samples of the raster.\n",
         reading(results),
+        replayed,
         "## How to repeat\n",
         "```sh\nbench/run.sh --data DIR [--tiles FOLDER_OF_SRTM_TILES]\n```\n",
         "The commands, for the first raster:\n",
