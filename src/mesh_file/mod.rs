@@ -90,7 +90,7 @@ pub enum Up {
 
 impl Up {
     /// Coordinates in a file of a point with z up.
-    pub(crate) fn from_z_up(self, [east, north, up]: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn in_file(self, [east, north, up]: [f64; 3]) -> [f64; 3] {
         match self {
             Self::Y => [east, up, -north],
             Self::Z => [east, north, up],

@@ -27,10 +27,10 @@ fn header(content: &Content, material: &str) -> String {
     let up = if content.up == Up::Y { "y" } else { "z" };
     let mut text = format!("# {}\n# {up} is up, metres\n", ascii(&content.generator));
     if !content.about.is_null() {
-        text.push_str(&format!("# relevo {}\n", ascii_json(&content.about)));
+        text += &["# relevo ", &ascii_json(&content.about), "\n"].concat();
     }
     if content.picture.is_some() {
-        text.push_str(&format!("mtllib {material}\nusemtl terrain\n"));
+        text += &["mtllib ", material, "\nusemtl terrain\n"].concat();
     }
     text
 }
@@ -80,7 +80,7 @@ impl Body for Obj {
     fn vertices(&mut self, content: &Content, vertices: &[Vertex]) -> Result<()> {
         for vertex in vertices {
             let out = self.part.bytes();
-            let [x, y, z] = content.up.from_z_up(content.map.apply(vertex.place));
+            let [x, y, z] = content.up.in_file(content.map.apply(vertex.place));
             // Writing to memory does not fail. The shortest decimals that read back.
             let _ = writeln!(out, "v {x} {y} {z}");
             if let Some(picture) = &content.picture {
@@ -89,7 +89,7 @@ impl Body for Obj {
                 let _ = writeln!(out, "vt {} {}", u as f32, (1.0 - v) as f32);
             }
             if content.has_normals {
-                let [x, y, z] = content.up.from_z_up(vertex.normal.map(f64::from)).map(|v| v as f32);
+                let [x, y, z] = content.up.in_file(vertex.normal.map(f64::from)).map(|v| v as f32);
                 let _ = writeln!(out, "vn {x} {y} {z}");
             }
             self.part.check(&mut self.file)?;

@@ -85,10 +85,10 @@ impl Body for Ply {
     fn vertices(&mut self, content: &Content, vertices: &[Vertex]) -> Result<()> {
         for vertex in vertices {
             let bytes = self.part.bytes();
-            let point = content.up.from_z_up(content.map.apply(vertex.place));
+            let point = content.up.in_file(content.map.apply(vertex.place));
             bytes.extend(point.iter().flat_map(|value| value.to_le_bytes()));
             if content.has_normals {
-                let normal = content.up.from_z_up(vertex.normal.map(f64::from));
+                let normal = content.up.in_file(vertex.normal.map(f64::from));
                 bytes.extend(normal.iter().flat_map(|value| (*value as f32).to_le_bytes()));
             }
             if content.has_errors {

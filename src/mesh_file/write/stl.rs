@@ -69,7 +69,7 @@ impl Stl {
 
 /// Coordinates in the file.
 fn kept(content: &Content, place: [f64; 3]) -> [f32; 3] {
-    content.up.from_z_up(content.map.apply(place)).map(|value| value as f32)
+    content.up.in_file(content.map.apply(place)).map(|value| value as f32)
 }
 
 impl Body for Stl {

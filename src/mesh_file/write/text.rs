@@ -1,5 +1,7 @@
 //! What a file says of itself, as a line of ASCII.
 
+use std::fmt::Write as _;
+
 /// JSON without a line break and without other characters than ASCII.
 pub(super) fn ascii_json(value: &serde_json::Value) -> String {
     let mut out = String::new();
@@ -9,7 +11,8 @@ pub(super) fn ascii_json(value: &serde_json::Value) -> String {
         } else {
             let mut units = [0; 2];
             for unit in c.encode_utf16(&mut units) {
-                out.push_str(&format!("\\u{unit:04x}"));
+                // Writing to memory does not fail.
+                let _ = write!(out, "\\u{unit:04x}");
             }
         }
     }
