@@ -46,8 +46,8 @@ pub enum Encoding {
 /// A vertex to write.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Vertex {
-    /// In the caller's grid: lattice column, lattice row (runs south), height in metres, all relative
-    /// to an origin near it.
+    /// In the caller's grid: lattice column, lattice row (runs south), height in metres, all
+    /// relative to an origin near it.
     pub place: [f64; 3],
     /// A unit vector (east, north, up), used if [`Content::has_normals`].
     pub normal: [f32; 3],

@@ -27,7 +27,7 @@ pub struct Mesh {
     pub vertices: Vec<[f64; 3]>,
     /// Three vertices each, by number.
     pub triangles: Vec<[u32; 3]>,
-    /// What the file says of itself: `asset.extras` of a GLB, our comment in others; null if nothing.
+    /// What the file says of itself: `asset.extras` of a GLB, our comment in others, or null.
     pub about: serde_json::Value,
 }
 

@@ -15,6 +15,8 @@ use crate::output::NewFile;
 
 /// Cosine of the angle of two axes that count as square.
 const SQUARE: f64 = 1e-9;
+/// Ratio of the scales of a node up to which bytes do for normals.
+const UNLIKE: f64 = 4.0;
 
 /// How places are kept, and what the node makes of them.
 pub(super) struct Frame {
@@ -91,6 +93,17 @@ impl Frame {
     }
 }
 
+/// True if normals are kept as bytes: with 16-bit coordinates, unless the node's scales differ so
+/// much that they would be of no use. What a scale of 30 m across and 4 mm upward makes of a byte
+/// is either flat or a wall.
+pub(super) fn has_byte_normals(content: &Content, node: &Affine) -> bool {
+    let scale = |i: usize| node.matrix.iter().map(|row| row[i] * row[i]).sum::<f64>().sqrt();
+    let scales = [scale(0), scale(1), scale(2)];
+    let (least, most) =
+        scales.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), &scale| (a.min(scale), b.max(scale)));
+    content.encoding != Encoding::Float && most <= UNLIKE * least
+}
+
 /// A unit vector as bytes of 1/127: of the eight beside it the one whose length is nearest to 1, if
 /// the nearest vector is too long or too short to count as one.
 fn bytes_of([x, y, z]: [f64; 3]) -> [i8; 3] {
@@ -143,7 +156,7 @@ impl Layout {
         let picture = content.picture.as_ref().map_or(0, |picture| picture.bytes.len() as u64);
         let lengths = [
             of(true, 12, 8),
-            of(content.has_normals, 12, 4),
+            of(content.has_normals, 12, if has_byte_normals(content, &frame.node) { 4 } else { 12 }),
             of(content.picture.is_some(), 8, 4),
             content.triangles * if wide { 12 } else { 6 },
             picture,
@@ -210,12 +223,13 @@ impl Body for Glb {
 
     fn vertices(&mut self, content: &Content, vertices: &[Vertex]) -> Result<()> {
         let floats = self.frame.encoding == Encoding::Float;
+        let byte_normals = has_byte_normals(content, &self.frame.node);
         for vertex in vertices {
             self.position(vertex.place);
             if content.has_normals {
                 let normal = self.frame.normal(vertex.normal);
                 let bytes = self.normals.bytes();
-                if floats {
+                if !byte_normals {
                     bytes.extend(normal.iter().flat_map(|value| (*value as f32).to_le_bytes()));
                 } else {
                     bytes.extend(bytes_of(normal).map(|value| value as u8));

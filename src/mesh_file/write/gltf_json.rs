@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
+use super::glb::has_byte_normals;
 use super::{Content, Encoding};
 use crate::mesh_file::Affine;
 
@@ -67,8 +68,9 @@ pub(super) fn text(content: &Content, node: &Affine, views: &[View], bounds: ([f
     lists.accessors[positions]["max"] = numbers(bounds.1, short);
     attributes.insert("POSITION".to_owned(), positions.into());
     if content.has_normals {
-        let (stride, component) = if short { (4, BYTE) } else { (12, FLOAT) };
-        let normals = lists.attribute(1, count, stride, (component, short, "VEC3"));
+        let bytes = has_byte_normals(content, node);
+        let (stride, component) = if bytes { (4, BYTE) } else { (12, FLOAT) };
+        let normals = lists.attribute(1, count, stride, (component, bytes, "VEC3"));
         attributes.insert("NORMAL".to_owned(), normals.into());
     }
     if content.picture.is_some() {

@@ -204,8 +204,8 @@ impl Writer {
     /// Writes triangles, after all vertices.
     ///
     /// # Errors
-    /// [`Error::Usage`] for more than announced, before all vertices, and for a vertex that there is
-    /// not.
+    /// [`Error::Usage`] for more than announced, before all vertices, and for a vertex that there
+    /// is not.
     pub fn triangles(&mut self, triangles: &[[u32; 3]]) -> Result<()> {
         self.triangles += triangles.len() as u64;
         if self.vertices != self.content.vertices || self.triangles > self.content.triangles {

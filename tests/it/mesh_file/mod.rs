@@ -51,7 +51,10 @@ fn grid(format: Format, map: Affine, short: bool, seed: u64) -> Given {
         [0, 1, 2].map(|i| vertices.iter().map(|v| v.place[i]).reduce(fold).expect("vertices"))
     };
     let bounds = (of(f64::min), of(f64::max));
-    let step = [1.0, 1.0, (bounds.1[2] - bounds.0[2]) / 65535.0];
+    let least = (bounds.1[2] - bounds.0[2]) / 65535.0;
+    // Steps of metres are like those across, and then normals are bytes.
+    let step =
+        [1.0, 1.0, if seed % 3 == 0 { least.max(map.matrix[0][0].hypot(map.matrix[1][0])) } else { least }];
     let encoding = if short { Encoding::Short { origin: bounds.0, step } } else { Encoding::Float };
     let content = Content {
         vertices: vertices.len() as u64,
@@ -168,11 +171,15 @@ proptest! {
             prop_assert_eq!(&mesh.triangles, &given.triangles);
         }
         others::check(&given, &path, &stored);
-        // What is kept is near what was given: a hundred-thousandth of the largest number, or half a step.
+        // What is kept is near what was given.
+        let step = match given.content.encoding {
+            Encoding::Float => 0.02,
+            Encoding::Short { step, .. } => step[2],
+        };
         for (vertex, there) in given.vertices.iter().zip(&stored) {
             let exact = given.content.map.apply(vertex.place);
             for (a, b) in exact.iter().zip(there) {
-                prop_assert!((a - b).abs() < 0.2, "{exact:?} {there:?}");
+                prop_assert!((a - b).abs() <= 0.501 * step.max(0.02), "{exact:?} {there:?}");
             }
         }
     }
@@ -193,6 +200,24 @@ fn lattice_columns_and_rows_are_exact() {
                 );
             }
         }
+    }
+}
+
+#[test]
+fn more_vertices_than_16_bits_number() {
+    for count in [65535_u32, 65536] {
+        let folder = tempfile::tempdir().expect("folder");
+        let mut given = grid(Format::Glb, usual(), false, 1);
+        given.vertices = (0..count)
+            .map(|i| Vertex { place: [i.into(), (i % 2).into(), 0.0], ..Vertex::default() })
+            .collect();
+        given.triangles = (0..count - 2).map(|i| [i, i + 1, i + 2]).collect();
+        (given.content.vertices, given.content.triangles) = (count.into(), u64::from(count) - 2);
+        given.content.bounds = ([0.0; 3], [f64::from(count - 1), 1.0, 0.0]);
+        let (path, stored) = write(&given, folder.path());
+        let mesh = read(&path, None).expect("read");
+        assert_eq!((&mesh.vertices, &mesh.triangles), (&stored, &given.triangles));
+        others::check(&given, &path, &stored);
     }
 }
 

@@ -12,7 +12,7 @@ use super::{Given, corners};
 pub(super) fn check(given: &Given, path: &Path, stored: &[[f64; 3]]) {
     let z_up = |[x, y, z]: [f64; 3]| if given.content.up == Up::Y { [x, -z, y] } else { [x, y, z] };
     let (vertices, triangles) = match given.format {
-        Format::Glb => glb(path),
+        Format::Glb => glb(given, path),
         Format::Obj => obj(path),
         Format::Ply => ply(path),
         Format::Stl => stl(path),
@@ -34,7 +34,7 @@ fn threes(indices: impl IntoIterator<Item = u32>) -> Vec<[u32; 3]> {
 }
 
 /// The crate reads numbers of nodes as 32-bit floats: they are taken from the JSON.
-fn glb(path: &Path) -> Found {
+fn glb(given: &Given, path: &Path) -> Found {
     let bytes = std::fs::read(path).expect("file");
     let length = u32::from_le_bytes(bytes[12..16].try_into().expect("length")) as usize;
     let json: serde_json::Value = serde_json::from_slice(&bytes[20..20 + length]).expect("JSON");
@@ -54,9 +54,6 @@ fn glb(path: &Path) -> Found {
         let of = |fold: fn(f64, f64) -> f64| positions.iter().map(|p| p[i]).reduce(fold);
         assert_eq!((least[i].as_f64(), most[i].as_f64()), (of(f64::min), of(f64::max)));
     }
-    if let Some(normals) = primitive.get(&gltf::Semantic::Normals) {
-        assert_eq!(normals.count(), positions.len());
-    }
     let node = &json["nodes"][0];
     let numbers = |name: &str| {
         let list = node[name].as_array()?;
@@ -74,9 +71,31 @@ fn glb(path: &Path) -> Found {
     let determinant = x[0] * (y[1] * z[2] - z[1] * y[2]) - x[1] * (y[0] * z[2] - y[2] * z[0])
         + x[2] * (y[0] * z[1] - y[1] * z[0]);
     let place = |p: &[f64; 3]| [x, y, z].map(|r| r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + r[3]);
+    if let Some(accessor) = primitive.get(&gltf::Semantic::Normals) {
+        let kept: Vec<[f64; 3]> = if accessor.data_type() == gltf::accessor::DataType::F32 {
+            reader.read_normals().expect("normals").map(|n| n.map(f64::from)).collect()
+        } else {
+            let bytes = gltf::accessor::Iter::<[i8; 3]>::new(accessor, |_| Some(blob)).expect("normals");
+            bytes.map(|n| n.map(|v| f64::from(v) / 127.0)).collect()
+        };
+        // The inverse transposed: the cofactors, but for a factor.
+        let cross = |a: [f64; 4], b: [f64; 4]| {
+            [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+        };
+        let cofactors = [cross(y, z), cross(z, x), cross(x, y)];
+        for (vertex, kept) in given.vertices.iter().zip(kept) {
+            let there = cofactors.map(|row| row.iter().zip(kept).map(|(a, b)| a * b).sum::<f64>());
+            let length = there.iter().map(|v| v * v).sum::<f64>().sqrt() * determinant.signum();
+            let [east, north, up] = vertex.normal.map(f64::from);
+            let cosine = (there[0] * east + there[1] * up - there[2] * north) / length;
+            assert!(cosine > 0.997, "{there:?} for {:?}", vertex.normal);
+        }
+    }
     let mut triangles = threes(reader.read_indices().expect("indices").into_u32());
     if determinant < 0.0 {
-        triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        for triangle in &mut triangles {
+            triangle.swap(1, 2);
+        }
     }
     (positions.iter().map(place).collect(), triangles)
 }
