@@ -229,11 +229,11 @@ impl Body for Glb {
             if content.has_normals {
                 let normal = self.frame.normal(vertex.normal);
                 let bytes = self.normals.bytes();
-                if !byte_normals {
-                    bytes.extend(normal.iter().flat_map(|value| (*value as f32).to_le_bytes()));
-                } else {
+                if byte_normals {
                     bytes.extend(bytes_of(normal).map(|value| value as u8));
                     bytes.push(0);
+                } else {
+                    bytes.extend(normal.iter().flat_map(|value| (*value as f32).to_le_bytes()));
                 }
             }
             if let Some(picture) = &content.picture {

@@ -53,8 +53,11 @@ fn grid(format: Format, map: Affine, short: bool, seed: u64) -> Given {
     let bounds = (of(f64::min), of(f64::max));
     let least = (bounds.1[2] - bounds.0[2]) / 65535.0;
     // Steps of metres are like those across, and then normals are bytes.
-    let step =
-        [1.0, 1.0, if seed % 3 == 0 { least.max(map.matrix[0][0].hypot(map.matrix[1][0])) } else { least }];
+    let step = [
+        1.0,
+        1.0,
+        if seed.is_multiple_of(3) { least.max(map.matrix[0][0].hypot(map.matrix[1][0])) } else { least },
+    ];
     let encoding = if short { Encoding::Short { origin: bounds.0, step } } else { Encoding::Float };
     let content = Content {
         vertices: vertices.len() as u64,

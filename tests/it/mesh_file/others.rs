@@ -33,6 +33,14 @@ fn threes(indices: impl IntoIterator<Item = u32>) -> Vec<[u32; 3]> {
     indices.into_iter().collect::<Vec<_>>().chunks(3).map(|c| [c[0], c[1], c[2]]).collect()
 }
 
+/// Fails if bounds are not those of the positions.
+fn check_bounds(positions: &[[f64; 3]], least: &serde_json::Value, most: &serde_json::Value) {
+    for i in 0..3 {
+        let of = |fold: fn(f64, f64) -> f64| positions.iter().map(|p| p[i]).reduce(fold);
+        assert_eq!((least[i].as_f64(), most[i].as_f64()), (of(f64::min), of(f64::max)));
+    }
+}
+
 /// The crate reads numbers of nodes as 32-bit floats: they are taken from the JSON.
 fn glb(given: &Given, path: &Path) -> Found {
     let bytes = std::fs::read(path).expect("file");
@@ -50,10 +58,7 @@ fn glb(given: &Given, path: &Path) -> Found {
         let shorts = gltf::accessor::Iter::<[u16; 3]>::new(accessor, |_| Some(blob));
         shorts.expect("positions").map(|p| p.map(f64::from)).collect()
     };
-    for i in 0..3 {
-        let of = |fold: fn(f64, f64) -> f64| positions.iter().map(|p| p[i]).reduce(fold);
-        assert_eq!((least[i].as_f64(), most[i].as_f64()), (of(f64::min), of(f64::max)));
-    }
+    check_bounds(&positions, &least, &most);
     let node = &json["nodes"][0];
     let numbers = |name: &str| {
         let list = node[name].as_array()?;
