@@ -82,6 +82,8 @@ install() {
     have pkg-config && pkg-config --exists gdal || packages+=(libgdal-dev pkg-config)
     have cc || packages+=(gcc libc6-dev)
     have python3 || packages+=(python3)
+    have node || packages+=(nodejs)
+    have npm || packages+=(npm)
     library libvulkan.so.1 || packages+=(libvulkan1)
     ls /usr/share/vulkan/icd.d/lvp_icd.*.json >/dev/null 2>&1 || packages+=(mesa-vulkan-drivers)
     have Xvfb || packages+=(xvfb)
@@ -96,6 +98,10 @@ install() {
     fi
     python zstandard python3-zstandard zstandard
     python PIL python3-pil pillow
+    # The Khronos validator of GLB files (tests/it/mesh_file/validator.rs).
+    [ -d target/node/node_modules/gltf-validator ] ||
+        npm install --silent --no-audit --no-fund --prefix target/node gltf-validator@2.0.0-dev.3.10 >/dev/null 2>&1 ||
+        echo 'MISSING, and could not be installed: gltf-validator'
     # GDAL's bindings are Debian's, so they are those of Debian's python3, whichever comes first on the path.
     /usr/bin/python3 -c 'import numpy; from osgeo import gdal' 2>/dev/null ||
         python3 -c 'import numpy; from osgeo import gdal' 2>/dev/null || apt python3-gdal python3-numpy ||
@@ -122,7 +128,7 @@ runner=(cargo test --no-fail-fast --lib --bins --tests --examples)
 gdal=(cargo test --no-fail-fast --test it)
 if cargo nextest --version >/dev/null 2>&1; then
     runner=(cargo nextest run --no-fail-fast)
-    behind='comments|container|each|imagery|layers|reader_scale|spec|golden|vectors|verify|horizontal|half_steps|observed|select|real_data|memory|resume|pieces'
+    behind='comments|container|each|imagery|layers|reader_scale|spec|golden|vectors|verify|horizontal|half_steps|observed|select|real_data|memory|resume|pieces|mesh_file'
     behind+='|state|sparse|export|hillshade|geotiff_write|imagery_pyramid|fuzz_corpus|cli_pages|cli_json|hostile_text'
     gdal=(cargo nextest run --no-fail-fast --test it -E "not test(/^($behind)::/)")
 fi

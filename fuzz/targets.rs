@@ -17,6 +17,7 @@ use relevo::codec::mask::Occupancy;
 use relevo::codec::{Scratch, height, imagery, mask, table};
 use relevo::container::{ChunkKind, Reader, ReaderOptions};
 use relevo::limits::Limits;
+use relevo::mesh_file;
 use relevo::pipeline::{self, BuildOptions, Silent};
 use relevo::sample::{Coding, Lattice};
 use relevo::source::{self, Source};
@@ -627,4 +628,19 @@ pub fn piece_seeds() -> Vec<Vec<u8>> {
         seed
     };
     PIECES.with(|files| files.iter().enumerate().map(seed).collect())
+}
+
+/// A mesh file; the first byte says which format.
+pub fn meshes(data: &[u8]) {
+    let Some((&which, content)) = data.split_first() else { return };
+    let end = ["glb", "obj", "ply", "stl"][usize::from(which) % 4];
+    in_folder(|folder| {
+        let path = folder.join("m").with_extension(end);
+        fs::write(&path, content).expect("write");
+        let Ok(mesh) = mesh_file::read(&path, None) else { return };
+        let count = mesh.vertices.len();
+        assert!(mesh.triangles.iter().flatten().all(|&index| (index as usize) < count));
+        assert!(mesh.vertices.iter().flatten().all(|value| value.is_finite()));
+        assert!(count * 24 + mesh.triangles.len() * 12 <= (1 << 17) + 64 * content.len());
+    });
 }

@@ -58,6 +58,7 @@ pub mod hillshade;
 #[doc(hidden)]
 pub mod imagery;
 pub mod mesh;
+pub mod mesh_file;
 #[doc(hidden)]
 pub mod patch;
 #[doc(hidden)]

@@ -50,3 +50,8 @@ fn virtual_rasters() {
 fn work_folders() {
     run("work", targets::work);
 }
+
+#[test]
+fn meshes() {
+    run("meshes", targets::meshes);
+}

@@ -5,8 +5,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Modules that may know those in lines above their own, and themselves.
-const LAYERS: [&[&str]; 8] = [
+const LAYERS: [&[&str]; 9] = [
     &["file", "progress", "rect"],
+    &["mesh_file"],
     &["source"],
     &["tile", "work_folder"],
     &["patch", "imagery", "writer"],

@@ -31,6 +31,7 @@ mod imagery_pictures;
 mod imagery_pyramid;
 mod layers;
 mod memory;
+mod mesh_file;
 mod mesh_nested;
 mod observed;
 mod outputs;
