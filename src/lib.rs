@@ -57,6 +57,8 @@ pub mod geotiff_write;
 pub mod hillshade;
 #[doc(hidden)]
 pub mod imagery;
+pub mod mesh;
+pub mod mesh_file;
 #[doc(hidden)]
 pub mod patch;
 #[doc(hidden)]

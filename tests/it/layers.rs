@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 
 /// Modules that may know those in lines above their own, and themselves.
 const LAYERS: [&[&str]; 8] = [
-    &["file", "progress", "rect"],
+    &["file", "mesh_file", "progress", "rect"],
     &["source"],
     &["tile", "work_folder"],
     &["patch", "imagery", "writer"],
     &["pipeline", "geotiff_write", "hillshade"],
     &["build"],
-    &["verify", "export"],
+    &["verify", "export", "mesh"],
     &["cli", "main"],
 ];
 
