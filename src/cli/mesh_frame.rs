@@ -196,7 +196,9 @@ pub fn place(mesh: Mesh, map: &Map, is_f32: bool) -> Placed {
     let Mesh { vertices, mut triangles, .. } = mesh;
     // What is counter-clockwise stays so where rows run against the second coordinate.
     if map.determinant() > 0.0 {
-        triangles.iter_mut().for_each(|triangle| triangle.swap(1, 2));
+        for triangle in &mut triangles {
+            triangle.swap(1, 2);
+        }
     }
     let largest =
         [0, 1, 2].map(|axis| vertices.iter().fold(0.0_f64, |largest, v| largest.max(v[axis].abs())));

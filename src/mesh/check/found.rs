@@ -89,7 +89,7 @@ const TWICE: u8 = 4;
 #[derive(Default)]
 pub(super) struct Marks {
     width: usize,
-    marks: Vec<u8>,
+    notes: Vec<u8>,
     /// Largest distance at each sample; below 0 where nothing was compared.
     distance: Vec<f64>,
 }
@@ -99,8 +99,8 @@ impl Marks {
     pub fn clear(&mut self, block: &Block) {
         self.width = block.owned(0).count();
         let count = self.width * block.owned(1).count();
-        self.marks.clear();
-        self.marks.resize(count, 0);
+        self.notes.clear();
+        self.notes.resize(count, 0);
         self.distance.clear();
         self.distance.resize(count, -1.0);
     }
@@ -113,7 +113,7 @@ impl Marks {
     pub fn cover(&mut self, block: &Block, row: i64, (from, to): (i64, i64)) {
         if from <= to {
             let first = self.at(block, from, row);
-            self.marks[first..=first + (to - from) as usize].iter_mut().for_each(|mark| *mark |= COVERED);
+            self.notes[first..=first + (to - from) as usize].iter_mut().for_each(|mark| *mark |= COVERED);
         }
     }
 
@@ -121,7 +121,7 @@ impl Marks {
     pub fn enter(&mut self, block: &Block, row: i64, (from, to): (i64, i64)) {
         if from <= to {
             let first = self.at(block, from, row);
-            for mark in &mut self.marks[first..=first + (to - from) as usize] {
+            for mark in &mut self.notes[first..=first + (to - from) as usize] {
                 *mark |= if *mark & ONCE == 0 { ONCE } else { TWICE };
             }
         }
@@ -135,9 +135,9 @@ impl Marks {
 
     /// Counts what the notes say of the samples of a block.
     pub fn count(&self, block: &Block, found: &mut Found) {
-        let mut notes = self.marks.iter().zip(&self.distance);
+        let mut all = self.notes.iter().zip(&self.distance);
         for row in block.owned(1) {
-            for (column, (&mark, &distance)) in block.owned(0).zip(&mut notes) {
+            for (column, (&mark, &distance)) in block.owned(0).zip(&mut all) {
                 let height = block.ground.sample(column, row);
                 let covered = mark & COVERED != 0;
                 found.twice += u64::from(mark & TWICE != 0);

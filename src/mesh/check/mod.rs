@@ -14,11 +14,11 @@
 //! All of them are looked at. Nothing is compared where there is no mesh, or no terrain.
 //!
 //! **Rounding.** Places and heights are f64. A corner is looked at in a place that is off by a few
-//! roundings of its coordinates, and its heights by a few roundings of theirs: with `s` the
-//! largest coordinate in samples and `h` the largest height, each result is off by at most
-//! `2^-50 (1 + s) h` ([`Report::rounding_m`]), some 1e-11 of `h` at 16 385 samples. Within triangles
-//! that are narrower than a thousandth of a sample it may be more, but not at their edges, which
-//! are as near to any point inside.
+//! roundings of its coordinates, and its heights by a few roundings of theirs: with `s` the largest
+//! coordinate in samples and `h` the largest height, each result is off by at most
+//! `2^-50 (1 + s) h` ([`Report::rounding_m`]), some 1e-11 of `h` at 16 385 samples. Inside of
+//! triangles that are narrower than a thousandth of a sample it may be more, but not on their
+//! edges, which are that near to any place inside.
 
 mod blocks;
 mod edge;

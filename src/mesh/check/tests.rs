@@ -210,7 +210,7 @@ fn random_mesh(random: &mut Random, size: [u32; 2], splits: u64) -> Vec<[[f64; 3
         let [a, b, c] = triangles.swap_remove(random.below(triangles.len() as u64) as usize);
         let mut weights = [0, 1, 2].map(|_| 1.0 + random.below(9) as f64);
         let sum: f64 = weights.iter().sum();
-        weights.iter_mut().for_each(|weight| *weight /= sum);
+        weights = weights.map(|weight| weight / sum);
         let axis = |axis: usize| {
             let at = weights[0] * vertices[a][axis]
                 + weights[1] * vertices[b][axis]
