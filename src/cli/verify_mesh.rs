@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use relevo::container::reader::Reader;
-use relevo::mesh::check::{Heights, Leaves, Options, Raster, Report, check};
+use relevo::mesh::check::{Allowed, Heights, Leaves, Options, Raster, Report, check};
 use relevo::mesh_file::{self, Mesh, Up};
 use relevo::{Error, Geo, Rect};
 use serde_json::json;
@@ -159,7 +159,7 @@ struct Checked {
     report: Report,
     frame: Frame,
     promised: Option<f64>,
-    is_solid: bool,
+    allowed: Allowed,
 }
 
 impl Checked {
@@ -176,8 +176,10 @@ impl Checked {
         let bar = Bar::new();
         let report = check(&vertices, &triangles, heights, &options, &bar);
         bar.finish();
+        // A part of a mesh that is asked for has more of it around.
+        let allowed = Allowed { solid: about.is_solid, outside: args.mesh.srcwin.is_some() };
         let promised = args.mesh.max_error.or(about.max_error_m);
-        Ok(Self { report: report?, frame, promised, is_solid: about.is_solid })
+        Ok(Self { report: report?, frame, promised, allowed })
     }
 
     fn keeps(&self) -> bool {
@@ -185,7 +187,7 @@ impl Checked {
     }
 
     fn is_good(&self) -> bool {
-        self.report.is_sound(self.is_solid) && self.keeps()
+        self.report.is_sound(self.allowed) && self.keeps()
     }
 
     fn json(&self, args: &Args, geo: &Geo) -> serde_json::Value {
@@ -194,7 +196,7 @@ impl Checked {
         let (x, y) = geo.world_from_sample(report.at[0], report.at[1]);
         json!({
             "file": json::path(&args.file), "sources": json::paths(&args.source), "good": self.is_good(),
-            "frame": self.frame.name(), "solid": self.is_solid,
+            "frame": self.frame.name(), "solid": self.allowed.solid,
             "triangles": report.triangles, "vertices": report.vertices,
             "window": [columns.start, rows.start, columns.len(), rows.len()],
             "largest_m": report.largest_m, "at": report.at, "at_crs": geo.transform.map(|_| [x, y]),
@@ -242,7 +244,7 @@ impl Checked {
         for line in lines {
             writeln!(out, "\n{}", wrapped(&line, 0))?;
         }
-        let verdict = match (report.is_sound(self.is_solid), self.keeps(), self.promised) {
+        let verdict = match (report.is_sound(self.allowed), self.keeps(), self.promised) {
             (true, true, Some(_)) => "good, and keeps what it promises",
             (true, true, None) => "good; nothing is promised of its distance",
             (true, false, _) => "farther from the terrain than it promises",
@@ -265,11 +267,12 @@ impl Checked {
         row("samples not covered", count(report.uncovered), "0");
         row("voids covered", count(report.covered_voids), "0");
         row("samples covered twice", count(report.twice), "0");
-        let of_sheets = if self.is_solid { "" } else { "0" };
+        let of_sheets = if self.allowed.solid { "" } else { "0" };
+        let of_whole = if self.allowed.outside { "" } else { "0" };
         row("triangles facing down", count(report.flipped), of_sheets);
         row("vertical triangles", count(report.vertical), of_sheets);
         row("triangles without area", count(report.degenerate), "0");
-        row("triangles reaching out", count(report.outside), "0");
+        row("triangles reaching out", count(report.outside), of_whole);
         row("vertices without triangle", count(report.unused_vertices), "");
         row("smallest angle (degrees)", short(report.smallest_angle_deg), "");
         table

@@ -160,6 +160,7 @@ fn what_is_printed_says_where() {
     assert!(output.status.code() == Some(1) && told.contains("than it promises"), "{told}");
     let part = json(at, 0, &[&args[..], &["--srcwin", "5,0,4,6", "--max-error", "3m"]].concat());
     assert_eq!(part["window"], serde_json::json!([5, 0, 4, 6]), "{part}");
+    assert_eq!((&part["largest_m"], &part["outside_triangles"]), (&0.0.into(), &50.into()), "{part}");
 }
 
 #[test]

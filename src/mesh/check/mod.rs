@@ -32,7 +32,7 @@ mod tests;
 mod triangle;
 
 pub use heights::{Heights, Leaves, Raster};
-pub use report::{Options, Report};
+pub use report::{Allowed, Options, Report};
 
 use rayon::prelude::*;
 

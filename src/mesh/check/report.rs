@@ -24,6 +24,15 @@ impl Default for Options {
     }
 }
 
+/// What a sound mesh may have.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Allowed {
+    /// Triangles that face down or are upright, as the floor and the walls of a solid do.
+    pub solid: bool,
+    /// Triangles that reach out of the window, as those of a mesh of which a part is checked do.
+    pub outside: bool,
+}
+
 /// What is true of a mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
@@ -72,11 +81,12 @@ pub struct Report {
 
 impl Report {
     /// True if the mesh covers each valid sample of the window once, and no void, and all its
-    /// triangles have an area and face up. A solid has walls and a floor besides.
-    pub fn is_sound(&self, is_solid: bool) -> bool {
-        let of_all = self.uncovered + self.covered_voids + self.twice + self.degenerate + self.outside;
-        let of_sheets = if is_solid { 0 } else { self.flipped + self.vertical };
-        of_all + of_sheets == 0 && self.compared > 0
+    /// triangles have an area, face up and lie in the window, but for what is allowed.
+    pub fn is_sound(&self, allowed: Allowed) -> bool {
+        let of_all = self.uncovered + self.covered_voids + self.twice + self.degenerate;
+        let of_sheets = if allowed.solid { 0 } else { self.flipped + self.vertical };
+        let of_whole = if allowed.outside { 0 } else { self.outside };
+        of_all + of_sheets + of_whole == 0 && self.compared > 0
     }
 
     /// True if no distance is above what was promised, but for rounding.

@@ -313,7 +313,7 @@ fn the_other_diagonal_is_off_in_the_middle() {
     );
     let found = report(&terrain, &[[nw, sw, se], [nw, se, ne]], 256);
     assert_eq!((found.largest_m, found.smallest_angle_deg), (0.0, 45.0));
-    assert!(found.is_sound(false) && found.keeps(0.0));
+    assert!(found.is_sound(Allowed::default()) && found.keeps(0.0));
 }
 
 #[test]
@@ -345,7 +345,7 @@ fn triangles_that_are_none_are_counted() {
     // The window ends with the mesh; its south-east half is not covered.
     assert_eq!((found.window.columns.clone(), found.window.rows.clone()), (0..3, 0..3));
     assert_eq!((found.uncovered, found.first_uncovered, found.twice), (3, Some([2, 1]), 0));
-    assert!(!found.is_sound(false) && !found.is_sound(true));
+    assert!(!found.is_sound(Allowed { solid: true, outside: true }));
     let vertices = [[-4.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 9.0, 0.0]];
     let found = check(&vertices, &[[0, 2, 1], [0, 3, 1]], &terrain, &Options::default(), &Silent).unwrap();
     assert_eq!((found.outside, found.twice), (2, 1), "{found:?}");
