@@ -22,7 +22,8 @@ pub(super) fn between(a: f64, b: f64, t: f64) -> f64 {
 impl Edge {
     #[inline]
     fn at(&self, t: f64) -> Point {
-        [0, 1, 2].map(|axis| between(self.from[axis], self.to[axis], t))
+        let ([x, y, z], [u, v, w]) = (self.from, self.to);
+        [between(x, u, t), between(y, v, t), between(z, w, t)]
     }
 
     /// The part of it, as two `t`, that is at most a sample away from a block.
@@ -89,10 +90,11 @@ fn along_lines(
         let mut point = edge.at(t);
         point[axis] = line as f64;
         if range.contains(&point[other]) {
-            let floor = point[other].floor();
+            // No coordinate in a block is below 0: a cast is its floor.
+            let floor = point[other] as i64;
             let (mut a, mut b) = ([line; 2], [line; 2]);
-            (a[other], b[other]) = (floor as i64, floor as i64 + 1);
-            let height = block.ground.edge(a, b, point[other] - floor);
+            (a[other], b[other]) = (floor, floor + 1);
+            let height = block.ground.edge(a, b, point[other] - floor as f64);
             found.largest.take((point[2] - height).abs(), [point[0], point[1]]);
         }
     }
@@ -115,8 +117,11 @@ fn along_diagonals(
     let (first, last) = (block.first, block.last);
     let rows = if sign < 0 { [-last[1], -first[1]] } else { [first[1], last[1]] };
     for line in Block::lines(of(&ends[0]), of(&ends[1]), [first[0] + rows[0], last[0] + rows[1]]) {
+        if line % 2 != 0 {
+            continue;
+        }
         let t = (line as f64 - start) / length;
-        if line % 2 != 0 || !(0.0..=1.0).contains(&t) {
+        if !(0.0..=1.0).contains(&t) {
             continue;
         }
         if block.has_void {
@@ -126,9 +131,9 @@ fn along_diagonals(
         if !(first[0] as f64..=last[0] as f64).contains(&point[0]) {
             continue;
         }
-        let floor = point[0].floor();
-        let part = point[0] - floor;
-        let a = [floor as i64, sign * (line - floor as i64)];
+        let floor = point[0] as i64;
+        let part = point[0] - floor as f64;
+        let a = [floor, sign * (line - floor)];
         let b = [a[0] + 1, a[1] - sign];
         let rows = first[1]..=last[1];
         if rows.contains(&a[1]) && (part == 0.0 || rows.contains(&b[1])) {

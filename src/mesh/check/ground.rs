@@ -43,6 +43,7 @@ impl Ground {
         Ok(Self { first, width, height, valid })
     }
 
+    #[inline]
     fn at(&self, [column, row]: Sample) -> usize {
         (row - self.first[1]) as usize * self.width + (column - self.first[0]) as usize
     }
@@ -60,10 +61,12 @@ impl Ground {
         (&self.height[first..end], self.valid.get(first..end))
     }
 
+    #[inline]
     fn is_valid(&self, at: usize) -> bool {
         self.valid.is_empty() || self.valid.get(at).is_some_and(|&valid| valid)
     }
 
+    #[inline]
     fn value(&self, at: usize) -> f64 {
         self.height.get(at).copied().unwrap_or(f64::NAN)
     }

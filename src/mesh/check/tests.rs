@@ -352,6 +352,38 @@ fn triangles_that_are_none_are_counted() {
 }
 
 #[test]
+fn a_solid_may_have_a_floor_and_walls() {
+    let terrain = Terrain { size: [2, 2], samples: vec![3.0, 10.0, 6.0, 1.0], falls: false };
+    let [nw, ne, sw, se] = [[0.0, 0.0, 3.0], [1.0, 0.0, 10.0], [0.0, 1.0, 6.0], [1.0, 1.0, 1.0]];
+    let down = |[x, y, _]: [f64; 3]| [x, y, -5.0];
+    let mut mesh = vec![[nw, sw, se], [nw, se, ne], [nw, se, sw].map(down), [nw, ne, se].map(down)];
+    for (a, b) in [(sw, nw), (nw, ne), (ne, se), (se, sw)] {
+        mesh.extend([[a, b, down(a)], [b, down(b), down(a)]]);
+    }
+    let found = report(&terrain, &mesh, 256);
+    assert_eq!((found.largest_m, found.flipped, found.vertical, found.degenerate), (0.0, 2, 8, 0));
+    assert!(!found.is_sound(Allowed::default()) && found.is_sound(Allowed { solid: true, outside: false }));
+}
+
+/// The outline runs half way; the void sample has the lower median of those around it, of depths
+/// that of the depths.
+#[test]
+fn voids_have_the_lower_median() {
+    let samples = vec![1.0, 2.0, 4.0, 8.0, f64::NAN, 16.0, 32.0, 64.0, 128.0];
+    let corner = [[0.0, 0.0, 0.0], [0.0, 0.75, 0.0], [0.75, 0.0, 0.0]];
+    for (falls, fill) in [(false, 8.0), (true, 16.0)] {
+        let terrain = Terrain { size: [3, 3], samples: samples.clone(), falls };
+        // Along the diagonal from the corner (1) to the void, to the middle, where both count half;
+        // but the side of the mesh is nearer: 3/8 of the way.
+        let found = report(&terrain, &[corner], 256);
+        let there = 1.0 + 0.375 * (fill - 1.0);
+        let on_the_side = 1.0 + 0.75 * 7.0;
+        let wanted = f64::max(there, on_the_side);
+        assert_eq!((found.largest_m, found.covered_voids), (wanted, 0));
+    }
+}
+
+#[test]
 fn hostile_meshes_are_refused() {
     let terrain = Terrain { size: [3, 3], samples: vec![0.0; 9], falls: false };
     let good = [[0.0, 0.0, 0.0], [0.0, 2.0, 0.0], [2.0, 0.0, 0.0]];

@@ -13,6 +13,8 @@ struct Triangle {
     sides: [Option<Edge>; 3],
     /// First and last row, fractions allowed.
     rows: [f64; 2],
+    /// Most columns from one row to the next, along a side.
+    steepest: f64,
 }
 
 /// A row of a triangle: columns of its ends with their heights.
@@ -31,7 +33,9 @@ impl Triangle {
             (from[1] < to[1]).then_some(Edge { from, to })
         });
         let rows = [a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1])];
-        Self { corners, sides, rows }
+        let columns = |Edge { from, to }: &Edge| ((to[0] - from[0]) / (to[1] - from[1])).abs();
+        let steepest = sides.iter().flatten().map(columns).fold(0.0, f64::max);
+        Self { corners, sides, rows, steepest }
     }
 
     /// Its part in a row that it has.
@@ -50,6 +54,18 @@ impl Triangle {
             }
         }
         span
+    }
+
+    /// True if no sample of a row that it has is near one of its sides, so that what it covers is
+    /// inside it.
+    fn is_clear(&self, row: f64, span: &Span, near: f64) -> bool {
+        let margin = near * (2.0 + self.steepest);
+        let is_far = |column: f64| {
+            let part = column.abs().fract();
+            margin < part && part < 1.0 - margin
+        };
+        let is_within = self.rows[0] < row - near && row + near < self.rows[1];
+        is_within && is_far(span.from) && is_far(span.to)
     }
 
     /// Columns at most `near` away from it, and those more than `near` inside it, of a row that is
@@ -108,13 +124,21 @@ fn columns(block: &Block, (from, to): (f64, f64)) -> (i64, i64) {
 /// Compares the samples of a row.
 fn samples(triangle: &Triangle, row: i64, block: &Block, marks: &mut Marks, found: &mut Found) {
     let y = row as f64;
-    let [near, inside] = triangle.margins(y, block.near);
-    marks.cover(block, row, columns(block, near));
-    marks.enter(block, row, columns(block, inside));
-    if !(triangle.rows[0]..=triangle.rows[1]).contains(&y) {
-        return;
+    let has_row = (triangle.rows[0]..=triangle.rows[1]).contains(&y);
+    let span = has_row.then(|| triangle.span(y));
+    match span.filter(|span| triangle.is_clear(y, span, block.near)) {
+        Some(span) => {
+            let columns = columns(block, (span.from, span.to));
+            marks.cover(block, row, columns);
+            marks.enter(block, row, columns);
+        }
+        None => {
+            let [near, inside] = triangle.margins(y, block.near);
+            marks.cover(block, row, columns(block, near));
+            marks.enter(block, row, columns(block, inside));
+        }
     }
-    let span = triangle.span(y);
+    let Some(span) = span else { return };
     let columns = columns(block, (span.from, span.to));
     if columns.0 > columns.1 {
         return;
