@@ -138,6 +138,7 @@ impl Grid {
 }
 
 /// A block, its sides included, and the surface there.
+#[derive(Clone, Copy)]
 pub(super) struct Block<'a> {
     /// North-west sample.
     pub first: Sample,
@@ -145,7 +146,7 @@ pub(super) struct Block<'a> {
     pub last: Sample,
     /// South-east sample of the window.
     end: Sample,
-    /// True if some of its samples are void.
+    /// True if some of its samples are void, of those under the triangle in question.
     pub has_void: bool,
     pub near: f64,
     pub ground: &'a Ground,
@@ -158,6 +159,22 @@ impl<'a> Block<'a> {
         let [first, last] = [0, 1].map(|end| sides.map(|side| side[end]));
         let end = [0, 1].map(|axis| i64::from(grid.range(axis).end) - 1);
         Self { first, last, end, has_void: ground.has_void([first, last]), near: grid.near, ground }
+    }
+
+    /// The same block, which has voids if there are any in the cells under a triangle.
+    pub fn under(&self, corners: &[[f64; 3]; 3]) -> Self {
+        if !self.has_void {
+            return *self;
+        }
+        let (mut first, mut last) = (self.first, self.last);
+        for axis in [0, 1] {
+            let of = corners.map(|corner| corner[axis]);
+            // Casts stop at the ends.
+            first[axis] = first[axis].max(of.into_iter().fold(f64::INFINITY, f64::min).floor() as i64);
+            last[axis] = last[axis].min(of.into_iter().fold(f64::NEG_INFINITY, f64::max).ceil() as i64);
+        }
+        let has_void = first[0] <= last[0] && self.ground.has_void([first, last]);
+        Self { has_void, ..*self }
     }
 
     /// Columns or rows of the samples that belong to no other block.

@@ -89,7 +89,7 @@ impl Triangle {
 
 /// Compares a triangle with the surface in a block, and notes the samples that it covers.
 pub(super) fn compare(corners: [[f64; 3]; 3], block: &Block, marks: &mut Marks, found: &mut Found) {
-    let triangle = Triangle::new(corners);
+    let (triangle, block) = (Triangle::new(corners), &block.under(&corners));
     let owned = block.owned(1);
     let first = (triangle.rows[0] - block.near).ceil().max(*owned.start() as f64);
     let last = (triangle.rows[1] + block.near).floor().min(*owned.end() as f64);
