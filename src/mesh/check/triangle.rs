@@ -126,17 +126,14 @@ fn samples(triangle: &Triangle, row: i64, block: &Block, marks: &mut Marks, foun
     let y = row as f64;
     let has_row = (triangle.rows[0]..=triangle.rows[1]).contains(&y);
     let span = has_row.then(|| triangle.span(y));
-    match span.filter(|span| triangle.is_clear(y, span, block.near)) {
-        Some(span) => {
-            let columns = columns(block, (span.from, span.to));
-            marks.cover(block, row, columns);
-            marks.enter(block, row, columns);
-        }
-        None => {
-            let [near, inside] = triangle.margins(y, block.near);
-            marks.cover(block, row, columns(block, near));
-            marks.enter(block, row, columns(block, inside));
-        }
+    if let Some(span) = span.filter(|span| triangle.is_clear(y, span, block.near)) {
+        let columns = columns(block, (span.from, span.to));
+        marks.cover(block, row, columns);
+        marks.enter(block, row, columns);
+    } else {
+        let [near, inside] = triangle.margins(y, block.near);
+        marks.cover(block, row, columns(block, near));
+        marks.enter(block, row, columns(block, inside));
     }
     let Some(span) = span else { return };
     let columns = columns(block, (span.from, span.to));
