@@ -96,6 +96,22 @@ impl SourceArgs {
         }
     }
 
+    /// The first of the options that was given.
+    pub fn given(&self) -> Option<&'static str> {
+        let all = [
+            (self.nodata.is_some(), "--nodata"),
+            (self.band.is_some(), "--band"),
+            (self.overlap != Overlap::default(), "--overlap"),
+            (self.vertical_unit.is_some(), "--vertical-unit"),
+            (self.depth, "--depth"),
+            (self.crs.is_some(), "--crs"),
+            (self.resolution.is_some(), "--resolution"),
+            (self.resampling.is_some(), "--resampling"),
+            (self.bbox.is_some(), "--bbox"),
+        ];
+        all.into_iter().find_map(|(given, name)| given.then_some(name))
+    }
+
     /// Opens the rasters as one source.
     pub fn open(&self, dems: &[PathBuf]) -> Result<Box<dyn Source>, Error> {
         source::open_all(dems, &self.options(), &Limits::default())

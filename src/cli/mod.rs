@@ -15,6 +15,7 @@ mod info;
 mod inputs;
 mod json;
 mod merge;
+mod mesh_frame;
 mod options;
 mod origins;
 mod place;
@@ -22,6 +23,7 @@ mod progress;
 mod stats;
 mod table;
 mod verify;
+mod verify_mesh;
 mod voice;
 mod warnings;
 
@@ -74,7 +76,7 @@ enum Command {
     /// Print the errors of a file by level and tessellation step
     Stats(stats::Args),
     /// Check a file: checksums, structure, invariants; also against its source, and every error by
-    /// brute force
+    /// brute force. Check a mesh against its terrain
     Verify(verify::Args),
     /// Write a level or a tile, of the heights or of the imagery, as a GeoTIFF or a PNG
     Export(export::Args),

@@ -1,10 +1,11 @@
-//! `relevo verify`: checks a file and prints the problems found.
+//! `relevo verify`: checks a file and prints the problems found; `verify_mesh` does so for a mesh.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use indicatif::{ProgressBar, ProgressStyle};
+use relevo::Error;
 use relevo::container::reader::{Reader, ReaderOptions};
 use relevo::progress::{Progress, Stage};
 use relevo::source::Source;
@@ -14,17 +15,19 @@ use serde_json::json;
 use crate::cli::build::size;
 use crate::cli::dem::{Dem, SourceArgs};
 use crate::cli::table::{Table, count, grouped, plural, short, wrapped};
+use crate::cli::verify_mesh::{self, MeshArgs, is_mesh};
 use crate::cli::warnings::{print_warnings, with_options};
 use crate::cli::{Outcome, inputs, json, shown, stopped, voice};
 
 /// Check a file: checksums, structure, invariants; also against its source, and every error by
-/// brute force
+/// brute force. Check a mesh against its terrain, between samples too
 #[derive(clap::Args)]
 pub struct Args {
-    /// The .rlv file
-    #[arg(value_name = "FILE.rlv")]
+    /// The .rlv file, or a mesh of anyone (.glb, .obj, .ply, .stl)
+    #[arg(value_name = "FILE")]
     pub(super) file: PathBuf,
-    /// Compare every sample with the DEM that the file was built from
+    /// Compare every sample with the DEM that the file was built from; a mesh, with a DEM or a .rlv
+    /// file
     #[arg(long, value_name = "DEM", num_args = 1..)]
     pub(super) source: Vec<PathBuf>,
     /// Recompute every error by brute force, with all samples of the finest level in memory
@@ -36,12 +39,14 @@ pub struct Args {
     /// Use at most this much memory, such as 256MiB or 2GiB; slower with fewer rows compared at a
     /// time, and refused at the start if it is not enough
     #[arg(long, value_name = "SIZE", value_parser = size)]
-    memory: Option<u64>,
+    pub(super) memory: Option<u64>,
     /// Print the report as JSON
     #[arg(long)]
     pub(super) json: bool,
     #[command(flatten)]
     pub(super) reading: SourceArgs,
+    #[command(flatten)]
+    pub(super) mesh: MeshArgs,
     /// True after a build, which has already printed the warnings.
     #[arg(skip)]
     built: bool,
@@ -51,12 +56,22 @@ impl Args {
     /// The arguments for checking a file that has just been built.
     pub fn after_build(file: PathBuf, dem: &Dem, (reading, memory): (&SourceArgs, Option<u64>)) -> Self {
         let (source, reading) = (dem.dems.clone(), reading.clone());
-        Self { file, source, reading, memory, deep: false, show: 10, json: false, built: true }
+        let mesh = MeshArgs::default();
+        Self { file, source, reading, mesh, memory, deep: false, show: 10, json: false, built: true }
     }
 }
 
 /// Checks the file and prints the report; the exit code is 0 if there is no problem, else 1.
 pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    if is_mesh(&args.file) {
+        return verify_mesh::run(args, out);
+    }
+    if let Some(option) = args.mesh.given() {
+        return Err(Error::usage(format!(
+            "{option} is for a mesh (.glb, .obj, .ply, .stl), not for a .rlv file"
+        ))
+        .into());
+    }
     let report = match Reader::open_with(&args.file, ReaderOptions::within(args.memory)) {
         Ok(reader) => check(args, &reader)?,
         Err(error) => refused(error)?,
@@ -74,7 +89,24 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
 }
 
 /// The bar on a terminal.
-struct Bar(Option<ProgressBar>);
+pub(super) struct Bar(Option<ProgressBar>);
+
+impl Bar {
+    pub fn new() -> Self {
+        let bar = (io::stderr().is_terminal() && !voice::quiet()).then(|| {
+            let style = ProgressStyle::with_template("{msg:8} [{bar:40}] {percent:>3} %  {elapsed} elapsed");
+            ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+        });
+        Self(bar)
+    }
+
+    /// Removes it from the terminal.
+    pub fn finish(&self) {
+        if let Some(bar) = &self.0 {
+            bar.finish_and_clear();
+        }
+    }
+}
 
 impl Progress for Bar {
     fn report(&self, stage: Stage, done: u64, total: u64) {
@@ -97,15 +129,9 @@ fn check(args: &Args, reader: &Reader) -> relevo::Result<VerifyReport> {
         print_warnings(&with_options(&source.info().warnings));
     }
     let options = VerifyOptions { deep: args.deep, keep: args.show, ..VerifyOptions::default() };
-    let bar = (io::stderr().is_terminal() && !voice::quiet()).then(|| {
-        let style = ProgressStyle::with_template("{msg:8} [{bar:40}] {percent:>3} %  {elapsed} elapsed");
-        ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
-    });
-    let bar = Bar(bar);
+    let bar = Bar::new();
     let report = verify(reader, source.as_deref().map(|source| source as &dyn Source), &options, &bar);
-    if let Some(bar) = &bar.0 {
-        bar.finish_and_clear();
-    }
+    bar.finish();
     report
 }
 

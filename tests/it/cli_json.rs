@@ -143,6 +143,15 @@ fn every_field_of_every_command_is_on_the_page() {
     }
     check_command(&run(at, 0, &["verify", "u.rlv", "--deep", "--json"]), "verify", &page);
     check_command(&run(at, 1, &["verify", "u.rlv", "--source", "f.tif", "--json"]), "verify", &page);
+    let head =
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\n";
+    let faces =
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n9 0 0\n0 9 0\n3 0 1 2\n";
+    fs::write(at.join("m.ply"), format!("{head}{faces}")).expect("file");
+    for source in ["u.tif", "u.rlv"] {
+        let mesh = run(at, 1, &["verify", "m.ply", "--source", source, "--frame", "pixel", "--json"]);
+        check_command(&mesh, "verify MESH", &page);
+    }
     let mut bytes = fs::read(at.join("f.rlv")).expect("file");
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;

@@ -55,3 +55,4 @@ mod state;
 mod validity;
 mod vectors;
 mod verify;
+mod verify_mesh;
