@@ -15,6 +15,7 @@ mod info;
 mod inputs;
 mod json;
 mod merge;
+mod mesh;
 mod mesh_frame;
 mod options;
 mod origins;
@@ -69,6 +70,9 @@ enum Command {
     Build(Box<build::Args>),
     /// Join windows made by `relevo build --window` into one file
     Merge(merge::Args),
+    /// Write a triangle mesh (GLB, OBJ, PLY, STL) whose surface is nowhere off by more than you
+    /// allow
+    Mesh(Box<mesh::Args>),
     /// Put imagery into a .rlv file, in place of any that it has
     Add(add::Args),
     /// Print what a file is: coordinate system, heights, levels, sections, sizes
@@ -159,6 +163,7 @@ pub fn main() -> ExitCode {
     let outcome = match &cli.command {
         Command::Build(args) => build::run(args, &mut out),
         Command::Merge(args) => merge::run(args, &mut out),
+        Command::Mesh(args) => mesh::run(args, &mut out),
         Command::Add(args) => add::run(args, &mut out),
         Command::Info(args) => info::run(args, &mut out),
         Command::Stats(args) => stats::run(args, &mut out),

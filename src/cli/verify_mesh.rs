@@ -64,7 +64,7 @@ fn frame(word: &str) -> Result<Frame, String> {
     Frame::named(word).ok_or_else(|| "expected local, crs, pixel or pixel-north".to_owned())
 }
 
-fn up(word: &str) -> Result<Up, String> {
+pub(super) fn up(word: &str) -> Result<Up, String> {
     match word {
         "y" | "Y" => Ok(Up::Y),
         "z" | "Z" => Ok(Up::Z),
@@ -77,13 +77,13 @@ fn factor(word: &str) -> Result<f64, String> {
     factor.ok_or_else(|| "expected a number above 0".to_owned())
 }
 
-fn metres(word: &str) -> Result<f64, String> {
+pub(super) fn metres(word: &str) -> Result<f64, String> {
     let number = word.trim().trim_end_matches('m').trim_end();
     let metres = number.parse().ok().filter(|&metres: &f64| metres >= 0.0 && metres.is_finite());
     metres.ok_or_else(|| "expected metres, such as 2m".to_owned())
 }
 
-fn samples(text: &str) -> Result<Rect, String> {
+pub(super) fn samples(text: &str) -> Result<Rect, String> {
     let numbers: Option<Vec<u32>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
     let rect = match numbers.as_deref() {
         Some(&[x, y, width, height]) => mesh_frame::rect([x, y, width, height]),

@@ -11,10 +11,12 @@ mod lookup;
 mod marks;
 mod needed;
 pub mod nested;
+mod save;
 mod square;
 mod terrain;
 mod triangle;
 mod vertex;
 
 pub use nested::Nested;
+pub use save::{Frame, MeshOptions, MeshReport, save};
 pub use terrain::Extent;

@@ -98,6 +98,16 @@ impl<'a> Nested<'a> {
         self.terrain.promised_m
     }
 
+    /// The file.
+    pub fn reader(&self) -> &Reader {
+        self.terrain.reader
+    }
+
+    /// The part of the raster.
+    pub fn extent(&self) -> Extent {
+        self.terrain.extent
+    }
+
     /// Vertices of the mesh.
     pub fn vertex_count(&self) -> u64 {
         self.drawn.as_ref().unwrap_or(&self.vertices).len() + self.points.len() as u64

@@ -26,7 +26,11 @@ impl Frame {
 
     /// The frame of a lattice.
     pub fn new(header: &Header, geo: &Geo) -> Self {
-        let (column, row) = (header.width / 2, header.height / 2);
+        Self::at(geo, header.width / 2, header.height / 2)
+    }
+
+    /// The frame whose columns and rows have the metres that they have at a sample.
+    pub fn at(geo: &Geo, column: u32, row: u32) -> Self {
         let spacing = geo.spacing((column, column), (row, row));
         // At a pole, or if the spacing is not a number, a square spacing keeps the view finite.
         let good = |metres: f64| metres.is_finite() && metres > 0.0;

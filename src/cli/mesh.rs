@@ -1,0 +1,202 @@
+//! `relevo mesh`: a triangle mesh of a file or of DEMs, with an error that it keeps.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+use relevo::container::reader::{Reader, ReaderOptions};
+use relevo::limits::Limits;
+use relevo::mesh::{self, Extent, MeshOptions, MeshReport};
+use relevo::mesh_file::Up;
+use relevo::output::Inputs;
+use relevo::source::cropped::Bbox;
+use relevo::{BuildOptions, Error, Rect};
+use serde_json::json;
+
+use crate::cli::dem::SourceArgs;
+use crate::cli::progress::{Mode, Show};
+use crate::cli::table::{grouped, plural, short};
+use crate::cli::verify_mesh::{metres, samples, up};
+use crate::cli::warnings::{print_warnings, with_options};
+use crate::cli::{Outcome, inputs, json, shown, voice};
+
+/// Write a triangle mesh whose surface is nowhere off by more than you allow
+#[derive(clap::Args)]
+pub struct Args {
+    /// The .rlv file; or the DEM, or several on one grid to be joined
+    #[arg(value_name = "FILE.rlv|DEM", required = true)]
+    inputs: Vec<PathBuf>,
+    /// Write this file; the ending says the format
+    #[arg(short, long, value_name = "OUT.glb|.obj|.ply|.stl")]
+    output: PathBuf,
+    /// Most metres between the mesh and the terrain, anywhere, such as 2m
+    #[arg(long, value_name = "METRES", value_parser = metres)]
+    max_error: f64,
+    /// Mesh only these samples: first column and row, columns, rows
+    #[arg(long, value_name = "X,Y,W,H", value_parser = samples, conflicts_with = "bbox")]
+    srcwin: Option<Rect>,
+    /// Write coordinates in metres from the middle of the window (local), or those of the
+    /// coordinate system (crs)
+    #[arg(long, value_enum, default_value = "local")]
+    frame: Frame,
+    /// Take this axis as up [default: y in .glb, z in others]
+    #[arg(long, value_name = "y|z", value_parser = up)]
+    up: Option<Up>,
+    /// Keep coordinates in 16 bits (.glb): columns and rows stay exact, and heights if whole steps
+    /// fit
+    #[arg(long)]
+    quantize: bool,
+    /// Use N threads [default: one for each core]
+    #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
+    /// Replace the output if it exists
+    #[arg(long, short)]
+    force: bool,
+    /// Choose how progress is shown
+    #[arg(long, value_enum, default_value = "auto")]
+    progress: Mode,
+    /// Print the report as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    reading: SourceArgs,
+}
+
+/// The coordinates of a mesh.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Frame {
+    Local,
+    Crs,
+}
+
+/// Makes the mesh, and prints what it is.
+pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
+    let start = Instant::now();
+    let files = inputs::expand(&args.inputs)?;
+    Inputs::new(&files).check(&args.output)?;
+    if args.output.exists() && !args.force {
+        let output = shown(&args.output);
+        return Err(Error::usage(format!("{output}: exists already; --force replaces it")).into());
+    }
+    let show = Show::new(args.progress);
+    let made = with_threads(args.jobs, || make(args, &files, &show));
+    show.finish();
+    let (report, reader) = made??;
+    let seconds = start.elapsed().as_secs_f64();
+    if args.json {
+        json::print(&json::object("mesh", describe(args, &report, seconds)), out)?;
+    } else if !voice::quiet() {
+        print(args, &report, (&reader, seconds), out)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Runs work on as many threads as asked for.
+fn with_threads<R: Send>(jobs: Option<u16>, work: impl FnOnce() -> R + Send) -> Result<R, Error> {
+    let Some(jobs) = jobs else { return Ok(work()) };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs.into()).build();
+    Ok(pool.map_err(|error| Error::usage(format!("cannot start {jobs} threads: {error}")))?.install(work))
+}
+
+/// Makes the mesh of a .rlv file, or of one that is built for it and goes again.
+fn make(args: &Args, files: &[PathBuf], show: &Show) -> Result<(MeshReport, Reader), Error> {
+    let is_built = |path: &Path| path.extension().is_some_and(|end| end.eq_ignore_ascii_case("rlv"));
+    if let [file] = files
+        && is_built(file)
+    {
+        let only_box = SourceArgs { bbox: None, bbox_crs: None, ..args.reading.clone() };
+        if let Some(option) = only_box.given() {
+            return Err(Error::usage(format!(
+                "{option} is for reading a DEM: a .rlv file has all of that in it"
+            )));
+        }
+        return of_file(args, file, args.reading.bbox, show);
+    }
+    if files.iter().any(|file| is_built(file)) {
+        return Err(Error::usage("a .rlv file must be the only input"));
+    }
+    let source = args.reading.open(files)?;
+    print_warnings(&with_options(&source.info().warnings));
+    let folder =
+        args.output.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let place = tempfile::Builder::new().prefix(".relevo-mesh-").tempdir_in(folder);
+    let place = place.map_err(|error| Error::io(folder, "make a temporary folder in", error))?;
+    let built = place.path().join("terrain.rlv");
+    let options = BuildOptions { jobs: args.jobs.map(usize::from), ..BuildOptions::default() };
+    relevo::Build::new(&*source).options(options).progress(show).run(&built)?;
+    of_file(args, &built, None, show)
+}
+
+/// Makes the mesh of a .rlv file.
+fn of_file(
+    args: &Args,
+    file: &Path,
+    bbox: Option<[f64; 4]>,
+    show: &Show,
+) -> Result<(MeshReport, Reader), Error> {
+    let reader =
+        Reader::open_with(file, ReaderOptions { limits: Limits::default(), ..ReaderOptions::default() })?;
+    let size = (reader.header().width, reader.header().height);
+    let window = match bbox {
+        Some(bounds) => {
+            let bbox = Bbox { bounds, crs: args.reading.bbox_crs.clone() };
+            Some(bbox.window(reader.geo(), size)?)
+        }
+        None => args.srcwin.clone(),
+    };
+    let extent = window.map(|Rect { columns, rows }| {
+        let ends = |range: std::ops::Range<u32>| (range.start, range.end.saturating_sub(1));
+        Extent { columns: ends(columns), rows: ends(rows) }
+    });
+    let frame = match args.frame {
+        Frame::Local => mesh::Frame::Local,
+        Frame::Crs => mesh::Frame::Crs,
+    };
+    let options = MeshOptions {
+        extent,
+        error_m: args.max_error,
+        frame,
+        up: args.up,
+        quantise: args.quantize,
+        force: args.force,
+    };
+    let report = mesh::save(&reader, &args.output, &options, show)?;
+    Ok((report, reader))
+}
+
+fn describe(args: &Args, report: &MeshReport, seconds: f64) -> serde_json::Value {
+    let Extent { columns, rows } = report.extent;
+    json!({
+        "sources": json::paths(&args.inputs), "file": json::path(&args.output), "bytes": report.bytes,
+        "window": [columns.0, rows.0, columns.1 - columns.0 + 1, rows.1 - rows.0 + 1],
+        "triangles": report.triangles, "vertices": report.vertices,
+        "promised_m": report.promised_m, "seconds": seconds,
+    })
+}
+
+fn print(
+    args: &Args,
+    report: &MeshReport,
+    (reader, seconds): (&Reader, f64),
+    out: &mut dyn Write,
+) -> std::io::Result<()> {
+    let Extent { columns, rows } = report.extent;
+    let samples = (u64::from(columns.1 - columns.0) + 1) * (u64::from(rows.1 - rows.0) + 1);
+    let cells = 2 * u64::from(columns.1 - columns.0) * u64::from(rows.1 - rows.0);
+    writeln!(
+        out,
+        "{}: {} and {}, {} % of the terrain's {} of {} samples; {:.1} MB, {:.1} s",
+        shown(&args.output),
+        plural(report.triangles, "triangle", "triangles"),
+        plural(report.vertices, "vertex", "vertices"),
+        short(100.0 * report.triangles as f64 / cells as f64),
+        grouped(cells),
+        grouped(samples),
+        report.bytes as f64 / 1e6,
+        seconds
+    )?;
+    writeln!(out, "Nowhere off by more than {} m.", short(report.promised_m))?;
+    let _ = reader;
+    Ok(())
+}

@@ -1,0 +1,351 @@
+//! A mesh of a file, written as GLB, OBJ, PLY or STL: in metres, and with what it promises.
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use super::nested::{Nested, Place};
+use super::terrain::{Extent, metres_of_number};
+use crate::container::Reader;
+use crate::error::{Error, Result};
+use crate::mesh_file::{Affine, Content, Encoding, Format, Up, Vertex, Writer};
+use crate::progress::{Progress, Stage};
+use crate::sample::Coding;
+use crate::select::Frame as Metres;
+use crate::tile::TileId;
+
+/// The coordinates of a mesh.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Frame {
+    /// Metres east, north and up; the origin is the sample in the middle of the window, at height 0.
+    /// A column and a row have the metres that they have there.
+    #[default]
+    Local,
+    /// The coordinates of the file's coordinate system, and heights in metres.
+    Crs,
+}
+
+impl Frame {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Local => "local",
+            Self::Crs => "crs",
+        }
+    }
+}
+
+/// What to make a mesh of, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct MeshOptions {
+    /// The part of the raster; `None` for all of it.
+    pub extent: Option<Extent>,
+    /// Most metres by which the surface of the mesh may be off, anywhere.
+    pub error_m: f64,
+    /// Coordinates.
+    pub frame: Frame,
+    /// The axis that is up; `None` for what is usual in the format.
+    pub up: Option<Up>,
+    /// Keep coordinates in 16 bits (GLB): columns and rows stay exact.
+    pub quantise: bool,
+    /// Replace a file of the name.
+    pub force: bool,
+}
+
+impl MeshOptions {
+    /// The mesh of a whole file, off by at most `error_m` metres.
+    pub fn new(error_m: f64) -> Self {
+        Self { extent: None, error_m, frame: Frame::Local, up: None, quantise: false, force: false }
+    }
+}
+
+/// What a mesh that has been written is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshReport {
+    /// Its part of the raster.
+    pub extent: Extent,
+    /// Triangles.
+    pub triangles: u64,
+    /// Vertices.
+    pub vertices: u64,
+    /// What the surface in the file is off by at most, in metres.
+    pub promised_m: f64,
+    /// Bytes of the file.
+    pub bytes: u64,
+}
+
+/// Makes a mesh of a file and writes it; the ending of the name says the format.
+///
+/// # Errors
+/// [`Error::Usage`] for options that do not fit the file or the format, and if the format cannot
+/// hold the mesh or keep its promise.
+pub fn save(
+    reader: &Reader,
+    output: &Path,
+    options: &MeshOptions,
+    progress: &dyn Progress,
+) -> Result<MeshReport> {
+    let format = Format::of(output)?;
+    let extent = options.extent.unwrap_or_else(|| Extent::of(reader.header()));
+    let placing = Placing::new(reader, extent, options, format)?;
+    // What the coordinates of the file are rounded by is taken from the tolerance. It is measured,
+    // for whole numbers often need no rounding, and what rounded columns and rows do depends on
+    // slopes.
+    let mut rounding = placing.rounding_m;
+    for _ in 0..4 {
+        let kept = options.error_m - rounding;
+        if kept < 0.0 {
+            return Err(too_coarse(output, options.error_m, rounding));
+        }
+        let mesh = Nested::new(reader, extent, kept, progress)?;
+        if mesh.triangle_count() == 0 {
+            return Err(Error::usage(format!(
+                "{}: there is no valid sample in the window, so there is no mesh",
+                reader.path().display()
+            )));
+        }
+        let promised = mesh.promised_m() + rounding;
+        let Some(measured) = write(&mesh, output, (format, &placing), options, promised, rounding, progress)?
+        else {
+            return Ok(MeshReport {
+                extent,
+                triangles: mesh.triangle_count(),
+                vertices: mesh.vertex_count(),
+                promised_m: promised,
+                bytes: std::fs::metadata(output).map_err(|error| Error::io(output, "read", error))?.len(),
+            });
+        };
+        rounding = 1.25 * measured;
+    }
+    Err(too_coarse(output, options.error_m, rounding))
+}
+
+fn too_coarse(output: &Path, error_m: f64, rounding: f64) -> Error {
+    Error::usage(format!(
+        "{}: its numbers round the surface by up to {rounding} m, so it cannot promise {error_m} m; \
+         allow a larger error, take a window, or write PLY",
+        output.display()
+    ))
+}
+
+/// How places become coordinates.
+struct Placing {
+    /// Column and row that places are relative to.
+    origin: (f64, f64),
+    /// Places to coordinates.
+    map: Affine,
+    /// Columns, rows and metres to coordinates.
+    whole: Affine,
+    /// True if triangles change their sense.
+    turns: bool,
+    /// Least and largest height in metres that can come.
+    heights: (f64, f64),
+    encoding: Encoding,
+    /// What the surface is rounded by at most, in metres; 0 if that has to be tried.
+    rounding_m: f64,
+}
+
+impl Placing {
+    fn new(reader: &Reader, extent: Extent, options: &MeshOptions, format: Format) -> Result<Self> {
+        let (columns, rows) = (extent.columns, extent.rows);
+        let middle = |(first, last): (u32, u32)| first + (last - first) / 2;
+        let (column, row) = (middle(columns), middle(rows));
+        let whole = match options.frame {
+            Frame::Local => {
+                let Metres { dx, dy, .. } = Metres::at(reader.geo(), column, row);
+                Affine {
+                    matrix: [[dx, 0.0, 0.0], [0.0, -dy, 0.0], [0.0, 0.0, 1.0]],
+                    offset: [-dx * f64::from(column), dy * f64::from(row), 0.0],
+                }
+            }
+            Frame::Crs => {
+                if format == Format::Stl {
+                    return Err(Error::usage(
+                        "an STL file has 32-bit numbers, too coarse for coordinates of a coordinate system; \
+                         write GLB, PLY or OBJ, or take local coordinates",
+                    ));
+                }
+                let [x0, a, b, y0, d, e] = reader.geo().transform_or_identity();
+                Affine {
+                    matrix: [[a, b, 0.0], [d, e, 0.0], [0.0, 0.0, 1.0]],
+                    offset: [x0 + 0.5 * (a + b), y0 + 0.5 * (d + e), 0.0],
+                }
+            }
+        };
+        let origin = (f64::from(column), f64::from(row));
+        let offset = whole.apply([origin.0, origin.1, 0.0]);
+        let offset = if options.frame == Frame::Local { [0.0; 3] } else { offset };
+        let [[a, b, _], [d, e, _], _] = whole.matrix;
+        let root = reader.entry(TileId::ROOT)?;
+        let heights = root.map_or((0.0, 0.0), |root| (f64::from(root.min_m), f64::from(root.max_m)));
+        let highest = heights.0.abs().max(heights.1.abs());
+        let is_whole = matches!(reader.header().coding, Coding::Integer { .. });
+        let mut placing = Self {
+            origin,
+            map: Affine { matrix: whole.matrix, offset },
+            whole,
+            turns: a * e - b * d > 0.0,
+            heights,
+            encoding: Encoding::Float,
+            rounding_m: match format {
+                Format::Glb | Format::Stl if !is_whole => highest * f64::from(f32::EPSILON),
+                // 64 bits, or decimals that read back as these.
+                _ => 0.0,
+            },
+        };
+        if options.quantise {
+            placing.quantise(reader, extent, format)?;
+        }
+        Ok(placing)
+    }
+
+    /// Keeps columns and rows exactly, in halves where an outline of voids can need them, and heights
+    /// by the finest step that 16 bits allow: exactly, if they are whole steps of the file.
+    fn quantise(&mut self, reader: &Reader, extent: Extent, format: Format) -> Result<()> {
+        let too_many = |what: &str| {
+            Error::usage(format!("{what} does not fit 16 bits; take a window, or keep 32-bit numbers"))
+        };
+        if format != Format::Glb {
+            return Err(Error::usage("only GLB files keep coordinates in 16 bits"));
+        }
+        let intervals = (extent.columns.1 - extent.columns.0).max(extent.rows.1 - extent.rows.0);
+        if intervals > 32_767 {
+            return Err(too_many("a window of more than 32 767 intervals"));
+        }
+        let (low, high) = self.heights;
+        let step = metres_of_number(reader.header());
+        let is_whole = matches!(reader.header().coding, Coding::Integer { .. });
+        let range = high - low;
+        // Points halfway between samples have half steps.
+        let fitting = [step / 2.0, step].into_iter().find(|step| is_whole && range / step < 65_535.0);
+        let height_step = fitting.unwrap_or(if range > 0.0 { range / 65_534.0 } else { 1.0 });
+        let (west, north) =
+            (f64::from(extent.columns.0) - self.origin.0, f64::from(extent.rows.0) - self.origin.1);
+        self.encoding = Encoding::Short { origin: [west, north, low], step: [0.5, 0.5, height_step] };
+        self.rounding_m = if fitting.is_some() { 0.0 } else { 0.5001 * height_step };
+        Ok(())
+    }
+
+    /// A place relative to the origin.
+    fn place(&self, [x, y, z]: Place) -> [f64; 3] {
+        [x - self.origin.0, y - self.origin.1, z]
+    }
+}
+
+/// Writes a mesh. If its coordinates are rounded by more than `rounding`, nothing is written, and
+/// that is returned.
+fn write(
+    mesh: &Nested<'_>,
+    output: &Path,
+    (format, placing): (Format, &Placing),
+    options: &MeshOptions,
+    promised_m: f64,
+    rounding: f64,
+    progress: &dyn Progress,
+) -> Result<Option<f64>> {
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    mesh.each_vertex(&mut |places| {
+        for place in places {
+            let place = placing.place(*place);
+            for axis in 0..3 {
+                low[axis] = low[axis].min(place[axis]);
+                high[axis] = high[axis].max(place[axis]);
+            }
+        }
+        Ok(())
+    })?;
+    let up = options.up.unwrap_or(if format == Format::Glb { Up::Y } else { Up::Z });
+    let content = Content {
+        vertices: mesh.vertex_count(),
+        triangles: mesh.triangle_count(),
+        map: placing.map,
+        encoding: placing.encoding,
+        up,
+        has_normals: false,
+        has_errors: false,
+        picture: None,
+        bounds: (low, high),
+        about: about(mesh, placing, options, promised_m),
+        generator: format!("relevo {}", env!("CARGO_PKG_VERSION")),
+    };
+    let mut writer = Writer::create(output, format, content, options.force)?;
+    let total = mesh.vertex_count();
+    let mut done = 0;
+    // STL rounds columns and rows, too: then what that does to each triangle is measured.
+    let mut places: Vec<[f64; 3]> = Vec::new();
+    let mut buffer = Vec::new();
+    let mut worst = 0.0_f64;
+    mesh.each_vertex(&mut |piece| {
+        buffer.clear();
+        buffer.extend(piece.iter().map(|&place| Vertex { place: placing.place(place), ..Vertex::default() }));
+        if format == Format::Stl {
+            places.extend(buffer.iter().map(|vertex| vertex.place));
+        }
+        for vertex in &buffer {
+            // Columns and rows are exact but in STL.
+            let exact = placing.map.apply(vertex.place);
+            worst = worst.max((writer.stored(vertex.place)[2] - exact[2]).abs());
+        }
+        writer.vertices(&buffer)?;
+        done += piece.len() as u64;
+        progress.step(Stage::Write, done, total)
+    })?;
+    if worst > rounding {
+        return Ok(Some(worst));
+    }
+    let mut turned = Vec::new();
+    mesh.each_triangle(
+        &mut |triangles| {
+            if format == Format::Stl {
+                for triangle in triangles {
+                    worst = worst.max(tilt(&writer, placing, triangle.map(|at| places[at as usize])));
+                }
+            }
+            if placing.turns {
+                turned.clear();
+                turned.extend(triangles.iter().map(|&[a, b, c]| [a, c, b]));
+                return writer.triangles(&turned);
+            }
+            writer.triangles(triangles)
+        },
+        progress,
+    )?;
+    if worst > rounding {
+        return Ok(Some(worst));
+    }
+    writer.finish()?;
+    Ok(None)
+}
+
+/// Metres by which rounding its corners moves the plane of a triangle, at most: what a rounded
+/// corner is off the plane of the others.
+fn tilt(writer: &Writer, placing: &Placing, corners: [[f64; 3]; 3]) -> f64 {
+    let exact = corners.map(|place| placing.map.apply(place));
+    let [a, b, c] = exact;
+    let (u, v) = ([b[0] - a[0], b[1] - a[1], b[2] - a[2]], [c[0] - a[0], c[1] - a[1], c[2] - a[2]]);
+    let area = u[0] * v[1] - u[1] * v[0];
+    let slope = [(u[2] * v[1] - u[1] * v[2]) / area, (u[0] * v[2] - u[2] * v[0]) / area];
+    let off = |(place, exact): ([f64; 3], [f64; 3])| {
+        let stored = writer.stored(place);
+        let sideways = slope[0] * (stored[0] - exact[0]) + slope[1] * (stored[1] - exact[1]);
+        (stored[2] - exact[2] - sideways).abs()
+    };
+    corners.into_iter().zip(exact).map(off).fold(0.0, f64::max)
+}
+
+/// What a mesh file says of itself.
+fn about(mesh: &Nested<'_>, placing: &Placing, options: &MeshOptions, promised_m: f64) -> Value {
+    let reader = mesh.reader();
+    let Extent { columns, rows } = mesh.extent();
+    let (x, y) = reader.geo().world_from_sample(placing.origin.0, placing.origin.1);
+    let crs = &reader.geo().crs;
+    json!({ "relevo": {
+        "frame": options.frame.name(),
+        "to_frame": { "matrix": placing.whole.matrix, "offset": placing.whole.offset },
+        "window": [columns.0, rows.0, columns.1 - columns.0 + 1, rows.1 - rows.0 + 1],
+        "max_error_m": promised_m,
+        "solid": false,
+        "origin": { "column": placing.origin.0, "row": placing.origin.1, "x": x, "y": y },
+        "crs": { "name": crs.name, "epsg": crs.epsg },
+    } })
+}
