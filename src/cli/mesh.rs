@@ -5,18 +5,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-use relevo::container::reader::{Reader, ReaderOptions};
-use relevo::limits::Limits;
+use relevo::container::reader::Reader;
 use relevo::mesh::{self, Extent, MeshOptions, MeshReport};
 use relevo::mesh_file::Up;
 use relevo::output::Inputs;
 use relevo::source::cropped::Bbox;
-use relevo::{BuildOptions, Error, Rect};
+use relevo::{Build, BuildOptions, Error, Rect};
 use serde_json::json;
 
 use crate::cli::dem::SourceArgs;
 use crate::cli::progress::{Mode, Show};
-use crate::cli::table::{grouped, plural, short};
+use crate::cli::table::{self, bytes, grouped, plural, short, wrapped};
 use crate::cli::verify_mesh::{metres, samples, up};
 use crate::cli::warnings::{print_warnings, with_options};
 use crate::cli::{Outcome, inputs, json, shown, voice};
@@ -25,10 +24,10 @@ use crate::cli::{Outcome, inputs, json, shown, voice};
 #[derive(clap::Args)]
 pub struct Args {
     /// The .rlv file; or the DEM, or several on one grid to be joined
-    #[arg(value_name = "FILE.rlv|DEM", required = true)]
+    #[arg(value_name = "FILE|DEM", required = true)]
     inputs: Vec<PathBuf>,
-    /// Write this file; the ending says the format
-    #[arg(short, long, value_name = "OUT.glb|.obj|.ply|.stl")]
+    /// Write this file; its ending says the format: .glb, .obj, .ply or .stl
+    #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Most metres between the mesh and the terrain, anywhere, such as 2m
     #[arg(long, value_name = "METRES", value_parser = metres)]
@@ -82,12 +81,12 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let show = Show::new(args.progress);
     let made = with_threads(args.jobs, || make(args, &files, &show));
     show.finish();
-    let (report, reader) = made??;
+    let report = made??;
     let seconds = start.elapsed().as_secs_f64();
     if args.json {
         json::print(&json::object("mesh", describe(args, &report, seconds)), out)?;
     } else if !voice::quiet() {
-        print(args, &report, (&reader, seconds), out)?;
+        print(args, &report, seconds, out)?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -100,7 +99,7 @@ fn with_threads<R: Send>(jobs: Option<u16>, work: impl FnOnce() -> R + Send) -> 
 }
 
 /// Makes the mesh of a .rlv file, or of one that is built for it and goes again.
-fn make(args: &Args, files: &[PathBuf], show: &Show) -> Result<(MeshReport, Reader), Error> {
+fn make(args: &Args, files: &[PathBuf], show: &Show) -> Result<MeshReport, Error> {
     let is_built = |path: &Path| path.extension().is_some_and(|end| end.eq_ignore_ascii_case("rlv"));
     if let [file] = files
         && is_built(file)
@@ -124,19 +123,13 @@ fn make(args: &Args, files: &[PathBuf], show: &Show) -> Result<(MeshReport, Read
     let place = place.map_err(|error| Error::io(folder, "make a temporary folder in", error))?;
     let built = place.path().join("terrain.rlv");
     let options = BuildOptions { jobs: args.jobs.map(usize::from), ..BuildOptions::default() };
-    relevo::Build::new(&*source).options(options).progress(show).run(&built)?;
+    Build::new(&*source).options(options).progress(show).run(&built)?;
     of_file(args, &built, None, show)
 }
 
 /// Makes the mesh of a .rlv file.
-fn of_file(
-    args: &Args,
-    file: &Path,
-    bbox: Option<[f64; 4]>,
-    show: &Show,
-) -> Result<(MeshReport, Reader), Error> {
-    let reader =
-        Reader::open_with(file, ReaderOptions { limits: Limits::default(), ..ReaderOptions::default() })?;
+fn of_file(args: &Args, file: &Path, bbox: Option<[f64; 4]>, show: &Show) -> Result<MeshReport, Error> {
+    let reader = Reader::open(file)?;
     let size = (reader.header().width, reader.header().height);
     let window = match bbox {
         Some(bounds) => {
@@ -161,8 +154,7 @@ fn of_file(
         quantise: args.quantize,
         force: args.force,
     };
-    let report = mesh::save(&reader, &args.output, &options, show)?;
-    Ok((report, reader))
+    mesh::save(&reader, &args.output, &options, show)
 }
 
 fn describe(args: &Args, report: &MeshReport, seconds: f64) -> serde_json::Value {
@@ -175,28 +167,27 @@ fn describe(args: &Args, report: &MeshReport, seconds: f64) -> serde_json::Value
     })
 }
 
-fn print(
-    args: &Args,
-    report: &MeshReport,
-    (reader, seconds): (&Reader, f64),
-    out: &mut dyn Write,
-) -> std::io::Result<()> {
+fn print(args: &Args, report: &MeshReport, seconds: f64, out: &mut dyn Write) -> std::io::Result<()> {
     let Extent { columns, rows } = report.extent;
-    let samples = (u64::from(columns.1 - columns.0) + 1) * (u64::from(rows.1 - rows.0) + 1);
-    let cells = 2 * u64::from(columns.1 - columns.0) * u64::from(rows.1 - rows.0);
-    writeln!(
-        out,
-        "{}: {} and {}, {} % of the terrain's {} of {} samples; {:.1} MB, {:.1} s",
+    let (wide, high) = (u64::from(columns.1 - columns.0), u64::from(rows.1 - rows.0));
+    let all = 2 * wide * high;
+    let line = format!(
+        "{}: {} and {} for {} x {} samples, {} % of the triangles between them; {} in {}.",
         shown(&args.output),
         plural(report.triangles, "triangle", "triangles"),
         plural(report.vertices, "vertex", "vertices"),
-        short(100.0 * report.triangles as f64 / cells as f64),
-        grouped(cells),
-        grouped(samples),
-        report.bytes as f64 / 1e6,
-        seconds
-    )?;
-    writeln!(out, "Nowhere off by more than {} m.", short(report.promised_m))?;
-    let _ = reader;
-    Ok(())
+        grouped(wide + 1),
+        grouped(high + 1),
+        short(100.0 * report.triangles as f64 / all as f64),
+        bytes(report.bytes),
+        table::seconds(seconds)
+    );
+    writeln!(out, "{}", wrapped(&line, 0))?;
+    let line = format!(
+        "Its surface is nowhere off by more than {} m; `relevo verify {} --source {}` checks it.",
+        short(report.promised_m),
+        shown(&args.output),
+        args.inputs.iter().map(|input| shown(input)).collect::<Vec<_>>().join(" ")
+    );
+    writeln!(out, "{}", wrapped(&line, 0))
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use relevo::mesh_file::Mesh;
+use relevo::select;
 use relevo::{Error, Geo, Rect};
 use serde_json::Value;
 
@@ -102,6 +103,25 @@ impl About {
     }
 }
 
+impl About {
+    /// Takes coordinates as those of `relevo mesh`, unless the mesh says itself what they are:
+    /// metres from the sample in the middle of the window.
+    pub fn assume_local(&mut self, geo: &Geo, [width, height]: [u32; 2], window: Option<&Rect>) {
+        if self.to_frame.is_some() {
+            return;
+        }
+        let middle = |range: std::ops::Range<u32>| range.start + (range.end.max(1) - 1 - range.start) / 2;
+        let whole = Rect { columns: 0..width, rows: 0..height };
+        let window = window.unwrap_or(&whole).clone();
+        let (column, row) = (middle(window.columns), middle(window.rows));
+        let metres = select::Frame::at(geo, column, row);
+        self.to_frame = Some(Map {
+            matrix: [[metres.dx, 0.0, 0.0], [0.0, -metres.dy, 0.0], [0.0, 0.0, 1.0]],
+            offset: [-metres.dx * f64::from(column), metres.dy * f64::from(row), 0.0],
+        });
+    }
+}
+
 impl Map {
     fn determinant(&self) -> f64 {
         let [a, b, c] = self.matrix;
@@ -147,7 +167,7 @@ pub fn map(
             let to_frame = about.to_frame.as_ref().ok_or_else(|| {
                 Error::usage(
                     "the mesh does not say what its coordinates are: give --frame crs (those of the terrain's coordinate system), \
-                     pixel (columns and rows) or pixel-north (rows counted from the last)",
+                     pixel (columns and rows), pixel-north (rows counted from the last) or local (those of relevo mesh)",
                 )
             })?;
             let mut map = to_frame.inverse().ok_or_else(|| {

@@ -20,9 +20,10 @@ use crate::cli::{Outcome, inputs, json, shown, voice};
 #[derive(clap::Args, Default)]
 #[command(next_help_heading = "Checking a mesh")]
 pub struct MeshArgs {
-    /// Take coordinates as this: local (metres, as the mesh itself says), crs (of the coordinate
-    /// system of --source), pixel (columns and rows of sample centres, rows southward) or
-    /// pixel-north (rows counted northward from the last, as hmm writes) [default: local]
+    /// Take coordinates as this: local (metres, as the mesh itself says; if it does not, those of
+    /// `relevo mesh` for all of --source, or for --srcwin), crs (of the coordinate system of
+    /// --source), pixel (columns and rows of sample centres, rows southward) or pixel-north (rows
+    /// counted northward from the last, as hmm writes) [default: local, if the mesh says it]
     #[arg(long, value_name = "local|crs|pixel|pixel-north", value_parser = frame)]
     frame: Option<Frame>,
     /// Take this axis as up [default: as the format has it]
@@ -78,9 +79,21 @@ fn factor(word: &str) -> Result<f64, String> {
 }
 
 pub(super) fn metres(word: &str) -> Result<f64, String> {
-    let number = word.trim().trim_end_matches('m').trim_end();
-    let metres = number.parse().ok().filter(|&metres: &f64| metres >= 0.0 && metres.is_finite());
-    metres.ok_or_else(|| "expected metres, such as 2m".to_owned())
+    let word = word.trim();
+    let end = word.find(|c: char| c.is_ascii_alphabetic() && !matches!(c, 'e' | 'E')).unwrap_or(word.len());
+    let (number, unit) = word.split_at(end);
+    let unit = match unit {
+        "" | "m" => Some(1.0),
+        "cm" => Some(0.01),
+        "mm" => Some(0.001),
+        "km" => Some(1000.0),
+        "ft" => Some(0.3048),
+        _ => None,
+    };
+    let number: Option<f64> = number.trim_end().parse().ok();
+    let metres = number.zip(unit).map(|(number, unit)| number * unit);
+    let metres = metres.filter(|&metres| metres >= 0.0 && metres.is_finite());
+    metres.ok_or_else(|| "expected a length such as 2m, 50cm or 6ft".to_owned())
 }
 
 pub(super) fn samples(text: &str) -> Result<Rect, String> {
@@ -164,8 +177,11 @@ struct Checked {
 
 impl Checked {
     fn of(args: &Args, mesh: Mesh, geo: &Geo, heights: &dyn Heights) -> Result<Self, Error> {
-        let about = About::of(&mesh.about)?;
+        let mut about = About::of(&mesh.about)?;
         let options = &args.mesh;
+        if options.frame == Some(Frame::Local) {
+            about.assume_local(geo, heights.size(), options.srcwin.as_ref());
+        }
         let frame = options.frame.unwrap_or(Frame::Local);
         let z_scale = options.z_scale.unwrap_or(1.0);
         let map = mesh_frame::map(frame, &about, geo, heights.size(), z_scale)?;

@@ -2,8 +2,8 @@
 //!
 //! [`nested`] makes the mesh of right isosceles triangles (papers 002 and 004), tile by tile: which
 //! vertices a tile needs (`square`), the set of all of them (`marks`), their triangles, cut at the
-//! window's sides and at outlines of voids (`cut`). [`check`] holds any mesh to what it promises, by
-//! code that shares nothing with the builders.
+//! window's sides and at outlines of voids (`cut`). [`save`] writes it. [`check`] holds any mesh to
+//! what it promises, by code that shares nothing with the builders.
 
 pub mod check;
 mod cut;
@@ -11,6 +11,7 @@ mod lookup;
 mod marks;
 mod needed;
 pub mod nested;
+mod placing;
 mod save;
 mod square;
 mod terrain;

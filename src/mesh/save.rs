@@ -4,21 +4,19 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use super::nested::{Nested, Place};
-use super::terrain::{Extent, metres_of_number};
+use super::nested::Nested;
+use super::placing::Placing;
+use super::terrain::Extent;
 use crate::container::Reader;
 use crate::error::{Error, Result};
-use crate::mesh_file::{Affine, Content, Encoding, Format, Up, Vertex, Writer};
+use crate::mesh_file::{Content, Format, Up, Vertex, Writer};
 use crate::progress::{Progress, Stage};
-use crate::sample::Coding;
-use crate::select::Frame as Metres;
-use crate::tile::TileId;
 
 /// The coordinates of a mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Frame {
-    /// Metres east, north and up; the origin is the sample in the middle of the window, at height 0.
-    /// A column and a row have the metres that they have there.
+    /// Metres east, north and up; the origin is the sample in the middle of the window, at height
+    /// 0. A column and a row have the metres that they have there.
     #[default]
     Local,
     /// The coordinates of the file's coordinate system, and heights in metres.
@@ -128,110 +126,6 @@ fn too_coarse(output: &Path, error_m: f64, rounding: f64) -> Error {
     ))
 }
 
-/// How places become coordinates.
-struct Placing {
-    /// Column and row that places are relative to.
-    origin: (f64, f64),
-    /// Places to coordinates.
-    map: Affine,
-    /// Columns, rows and metres to coordinates.
-    whole: Affine,
-    /// True if triangles change their sense.
-    turns: bool,
-    /// Least and largest height in metres that can come.
-    heights: (f64, f64),
-    encoding: Encoding,
-    /// What the surface is rounded by at most, in metres; 0 if that has to be tried.
-    rounding_m: f64,
-}
-
-impl Placing {
-    fn new(reader: &Reader, extent: Extent, options: &MeshOptions, format: Format) -> Result<Self> {
-        let (columns, rows) = (extent.columns, extent.rows);
-        let middle = |(first, last): (u32, u32)| first + (last - first) / 2;
-        let (column, row) = (middle(columns), middle(rows));
-        let whole = match options.frame {
-            Frame::Local => {
-                let Metres { dx, dy, .. } = Metres::at(reader.geo(), column, row);
-                Affine {
-                    matrix: [[dx, 0.0, 0.0], [0.0, -dy, 0.0], [0.0, 0.0, 1.0]],
-                    offset: [-dx * f64::from(column), dy * f64::from(row), 0.0],
-                }
-            }
-            Frame::Crs => {
-                if format == Format::Stl {
-                    return Err(Error::usage(
-                        "an STL file has 32-bit numbers, too coarse for coordinates of a coordinate system; \
-                         write GLB, PLY or OBJ, or take local coordinates",
-                    ));
-                }
-                let [x0, a, b, y0, d, e] = reader.geo().transform_or_identity();
-                Affine {
-                    matrix: [[a, b, 0.0], [d, e, 0.0], [0.0, 0.0, 1.0]],
-                    offset: [x0 + 0.5 * (a + b), y0 + 0.5 * (d + e), 0.0],
-                }
-            }
-        };
-        let origin = (f64::from(column), f64::from(row));
-        let offset = whole.apply([origin.0, origin.1, 0.0]);
-        let offset = if options.frame == Frame::Local { [0.0; 3] } else { offset };
-        let [[a, b, _], [d, e, _], _] = whole.matrix;
-        let root = reader.entry(TileId::ROOT)?;
-        let heights = root.map_or((0.0, 0.0), |root| (f64::from(root.min_m), f64::from(root.max_m)));
-        let highest = heights.0.abs().max(heights.1.abs());
-        let is_whole = matches!(reader.header().coding, Coding::Integer { .. });
-        let mut placing = Self {
-            origin,
-            map: Affine { matrix: whole.matrix, offset },
-            whole,
-            turns: a * e - b * d > 0.0,
-            heights,
-            encoding: Encoding::Float,
-            rounding_m: match format {
-                Format::Glb | Format::Stl if !is_whole => highest * f64::from(f32::EPSILON),
-                // 64 bits, or decimals that read back as these.
-                _ => 0.0,
-            },
-        };
-        if options.quantise {
-            placing.quantise(reader, extent, format)?;
-        }
-        Ok(placing)
-    }
-
-    /// Keeps columns and rows exactly, in halves where an outline of voids can need them, and heights
-    /// by the finest step that 16 bits allow: exactly, if they are whole steps of the file.
-    fn quantise(&mut self, reader: &Reader, extent: Extent, format: Format) -> Result<()> {
-        let too_many = |what: &str| {
-            Error::usage(format!("{what} does not fit 16 bits; take a window, or keep 32-bit numbers"))
-        };
-        if format != Format::Glb {
-            return Err(Error::usage("only GLB files keep coordinates in 16 bits"));
-        }
-        let intervals = (extent.columns.1 - extent.columns.0).max(extent.rows.1 - extent.rows.0);
-        if intervals > 32_767 {
-            return Err(too_many("a window of more than 32 767 intervals"));
-        }
-        let (low, high) = self.heights;
-        let step = metres_of_number(reader.header());
-        let is_whole = matches!(reader.header().coding, Coding::Integer { .. });
-        let range = high - low;
-        // Points halfway between samples have half steps.
-        let fitting = [step / 2.0, step].into_iter().find(|step| is_whole && range / step < 65_535.0);
-        let height_step = fitting.unwrap_or(if range > 0.0 { range / 65_534.0 } else { 1.0 });
-        let (west, north) =
-            (f64::from(extent.columns.0) - self.origin.0, f64::from(extent.rows.0) - self.origin.1);
-        self.encoding = Encoding::Short { origin: [west, north, low], step: [0.5, 0.5, height_step] };
-        self.rounding_m = if fitting.is_some() { 0.0 } else { 0.5001 * height_step };
-        Ok(())
-    }
-
-    /// A place relative to the origin.
-    fn place(&self, [x, y, z]: Place) -> [f64; 3] {
-        [x - self.origin.0, y - self.origin.1, z]
-    }
-}
-
 /// Writes a mesh. If its coordinates are rounded by more than `rounding`, nothing is written, and
 /// that is returned.
 fn write(
@@ -243,31 +137,7 @@ fn write(
     rounding: f64,
     progress: &dyn Progress,
 ) -> Result<Option<f64>> {
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    mesh.each_vertex(&mut |places| {
-        for place in places {
-            let place = placing.place(*place);
-            for axis in 0..3 {
-                low[axis] = low[axis].min(place[axis]);
-                high[axis] = high[axis].max(place[axis]);
-            }
-        }
-        Ok(())
-    })?;
-    let up = options.up.unwrap_or(if format == Format::Glb { Up::Y } else { Up::Z });
-    let content = Content {
-        vertices: mesh.vertex_count(),
-        triangles: mesh.triangle_count(),
-        map: placing.map,
-        encoding: placing.encoding,
-        up,
-        has_normals: false,
-        has_errors: false,
-        picture: None,
-        bounds: (low, high),
-        about: about(mesh, placing, options, promised_m),
-        generator: format!("relevo {}", env!("CARGO_PKG_VERSION")),
-    };
+    let content = content(mesh, placing, (format, options), promised_m)?;
     let mut writer = Writer::create(output, format, content, options.force)?;
     let total = mesh.vertex_count();
     let mut done = 0;
@@ -315,6 +185,39 @@ fn write(
     }
     writer.finish()?;
     Ok(None)
+}
+
+/// What the file will hold.
+fn content(
+    mesh: &Nested<'_>,
+    placing: &Placing,
+    (format, options): (Format, &MeshOptions),
+    promised_m: f64,
+) -> Result<Content> {
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    mesh.each_vertex(&mut |places| {
+        for place in places {
+            let place = placing.place(*place);
+            for axis in 0..3 {
+                low[axis] = low[axis].min(place[axis]);
+                high[axis] = high[axis].max(place[axis]);
+            }
+        }
+        Ok(())
+    })?;
+    Ok(Content {
+        vertices: mesh.vertex_count(),
+        triangles: mesh.triangle_count(),
+        map: placing.map,
+        encoding: placing.encoding,
+        up: options.up.unwrap_or(if format == Format::Glb { Up::Y } else { Up::Z }),
+        has_normals: false,
+        has_errors: false,
+        picture: None,
+        bounds: (low, high),
+        about: about(mesh, placing, options, promised_m),
+        generator: format!("relevo {}", env!("CARGO_PKG_VERSION")),
+    })
 }
 
 /// Metres by which rounding its corners moves the plane of a triangle, at most: what a rounded

@@ -152,6 +152,9 @@ fn every_field_of_every_command_is_on_the_page() {
         let mesh = run(at, 1, &["verify", "m.ply", "--source", source, "--frame", "pixel", "--json"]);
         check_command(&mesh, "verify MESH", &page);
     }
+    let mesh = run(at, 0, &["mesh", "u.rlv", "--max-error", "20m", "-o", "u.glb", "--json"]);
+    check_command(&mesh, "mesh", &page);
+    check_command(&run(at, 0, &["verify", "u.glb", "--source", "u.tif", "--json"]), "verify MESH", &page);
     let mut bytes = fs::read(at.join("f.rlv")).expect("file");
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;

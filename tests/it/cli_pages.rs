@@ -12,7 +12,7 @@ use relevo::source::Samples;
 
 /// Columns of a page that nobody says the width of.
 const PAGE: usize = 80;
-const COMMANDS: [&str; 7] = ["build", "merge", "add", "info", "stats", "verify", "export"];
+const COMMANDS: [&str; 8] = ["build", "merge", "mesh", "add", "info", "stats", "verify", "export"];
 
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name)
@@ -84,6 +84,8 @@ fn every_page_fits_80_columns() {
     }
     page(at, &["verify", "steep.rlv", "--source", &names[0]]);
     page(at, &["verify", "steep.rlv", "--deep"]);
+    page(at, &["mesh", "steep.rlv", "--max-error", "2m", "-o", "steep.glb"]);
+    page(at, &["verify", "steep.glb", "--source", "steep.rlv"]);
     page(at, &["export", "steep.rlv", "--tile", "0/0/0", "-o", "tile.png"]);
     let all: Vec<String> = names.iter().map(|name| name.replace(".tif", ".rlv")).collect();
     page(at, &[&["info"][..], &all.iter().map(String::as_str).collect::<Vec<_>>()].concat());

@@ -17,8 +17,8 @@ use relevo::source::{Fingerprint, Samples, Source, SourceInfo, Window};
 type At = (i64, i64);
 
 /// A raster in memory; NaN is void.
-struct Raster {
-    info: SourceInfo,
+pub struct Raster {
+    pub info: SourceInfo,
     heights: Vec<f64>,
 }
 
@@ -301,7 +301,7 @@ fn compare(raster: &Raster, extent: Extent, error: f64, folder: &Path) {
 
 prop_compose! {
     /// Rough or smooth terrain with spikes, cliffs and voids.
-    fn terrain()(
+    pub fn terrain()(
         size in (2_u32..60, 2_u32..60), kind in 0_usize..3, rough in 0.0_f64..3.0, voids in 0_u32..3,
         seed: u64, window: [u32; 4], full: bool, error in 0.0_f64..20.0,
     ) -> (Raster, Extent, f64) {

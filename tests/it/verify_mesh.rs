@@ -178,7 +178,7 @@ fn requests_that_make_no_sense_are_refused() {
         (&["a.ply", "--source", "dem.tif", "--frame", "pixel", "--srcwin", "5,0,9,9"], "does not lie within"),
         (&["a.ply", "--source", "dem.tif", "--frame", "crs"], "another frame"),
         (&["a.ply", "--source", "dem.tif", "--frame", "east"], "expected local"),
-        (&["a.ply", "--source", "dem.tif", "--max-error", "much"], "expected metres"),
+        (&["a.ply", "--source", "dem.tif", "--max-error", "much"], "expected a length"),
         (&["dem.rlv", "--frame", "pixel"], "--frame is for a mesh"),
         (&["none.ply", "--source", "dem.tif", "--frame", "pixel"], "none.ply"),
     ] {
