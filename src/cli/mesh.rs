@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use relevo::container::reader::Reader;
-use relevo::mesh::{self, Extent, MeshOptions, MeshReport};
+use relevo::mesh::{self, Extent, MeshOptions, MeshReport, Method, Target};
 use relevo::mesh_file::Up;
 use relevo::output::Inputs;
 use relevo::source::cropped::Bbox;
@@ -30,8 +30,18 @@ pub struct Args {
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Most metres between the mesh and the terrain, anywhere, such as 2m
-    #[arg(long, value_name = "METRES", value_parser = metres)]
-    max_error: f64,
+    #[arg(long, value_name = "METRES", value_parser = metres, required_unless_present = "triangles")]
+    max_error: Option<f64>,
+    /// Most triangles; the mesh has the least error that so many can keep
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), conflicts_with = "max_error")]
+    triangles: Option<u64>,
+    /// Find triangles of any shape (tin), which are few, or right triangles (nested), which take
+    /// less time and memory
+    #[arg(long, value_enum, default_value = "tin")]
+    method: Kind,
+    /// Least angle of triangles of any shape, in degrees; 0 makes fewer and thinner ones
+    #[arg(long, value_name = "DEGREES", default_value_t = mesh::LEAST_ANGLE, value_parser = angle)]
+    min_angle: f64,
     /// Mesh only these samples: first column and row, columns, rows
     #[arg(long, value_name = "X,Y,W,H", value_parser = samples, conflicts_with = "bbox")]
     srcwin: Option<Rect>,
@@ -60,6 +70,18 @@ pub struct Args {
     json: bool,
     #[command(flatten)]
     reading: SourceArgs,
+}
+
+/// How triangles are found.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Kind {
+    Tin,
+    Nested,
+}
+
+fn angle(word: &str) -> Result<f64, String> {
+    let angle = word.trim().parse().ok().filter(|angle| (0.0..=30.0).contains(angle));
+    angle.ok_or_else(|| "expected degrees, 0 to 30".to_owned())
 }
 
 /// The coordinates of a mesh.
@@ -146,9 +168,19 @@ fn of_file(args: &Args, file: &Path, bbox: Option<[f64; 4]>, show: &Show) -> Res
         Frame::Local => mesh::Frame::Local,
         Frame::Crs => mesh::Frame::Crs,
     };
+    let method = match args.method {
+        Kind::Tin => Method::Free(args.min_angle),
+        Kind::Nested => Method::Nested,
+    };
+    // One of them is there: the parser sees to it.
+    let target = match (args.triangles, args.max_error) {
+        (Some(most), _) => Target::Triangles(most),
+        (None, error) => Target::Error(error.unwrap_or_default()),
+    };
     let options = MeshOptions {
         extent,
-        error_m: args.max_error,
+        target,
+        method,
         frame,
         up: args.up,
         quantise: args.quantize,

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::square::{HAS_VALID, HAS_VOID};
-use super::terrain::{Terrain, height_of_number, kind, number};
+use super::terrain::{Terrain, kind, number};
 use super::vertex::Vertex;
 use crate::error::Result;
 use crate::sample::Lattice;
@@ -75,12 +75,12 @@ impl<'a> Lookup<'a> {
         }
     }
 
-    /// Height in metres of a sample; outside the window that of the nearest one in it. It is read
-    /// from a tile on the side of `toward`, in units of half an interval.
-    pub fn height(&mut self, vertex: Vertex, toward: (i64, i64)) -> Result<f64> {
+    /// The number of a sample; outside the window that of the nearest one in it. It is read from a
+    /// tile on the side of `toward`, in units of half an interval.
+    pub fn number(&mut self, vertex: Vertex, toward: (i64, i64)) -> Result<f64> {
         let header = self.terrain.reader.header();
         if !self.terrain.extent.contains(vertex) {
-            return Ok(height_of_number(header, self.terrain.outside(vertex).0));
+            return Ok(self.terrain.outside(vertex).0);
         }
         let level = u32::from(header.levels).saturating_sub(vertex.scale().trailing_zeros()) as u8;
         let spacing = i64::from(header.spacing(level));
@@ -101,7 +101,7 @@ impl<'a> Lookup<'a> {
             ((i64::from(vertex.x) - left as i64) / spacing) as usize,
             ((i64::from(vertex.y) - top as i64) / spacing) as usize,
         );
-        Ok(height_of_number(header, number(lattice, at, header.coding)))
+        Ok(number(lattice, at, header.coding))
     }
 }
 

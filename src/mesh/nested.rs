@@ -15,7 +15,7 @@ use super::lookup::Lookup;
 use super::marks::{Marks, Numbered, interleave};
 use super::needed;
 use super::square::{HAS_VALID, HAS_VOID};
-use super::terrain::{Extent, Terrain};
+use super::terrain::{Extent, Terrain, height_of_number};
 use super::triangle;
 use super::vertex::Vertex;
 use crate::container::Reader;
@@ -31,6 +31,9 @@ const PARTS: u32 = 32;
 pub type Triangle = [u32; 3];
 /// Column, row and height in metres.
 pub type Place = [f64; 3];
+
+/// A vertex: column and row, doubled, and the number that is its height.
+pub(super) type Doubled = ((u32, u32), f64);
 
 /// The nested mesh of a file, or of a window of it.
 pub struct Nested<'a> {
@@ -96,6 +99,16 @@ impl<'a> Nested<'a> {
     /// rounding takes if that is more.
     pub fn promised_m(&self) -> f64 {
         self.terrain.promised_m
+    }
+
+    /// The largest number that a height can be, its sign left out.
+    pub(super) fn highest(&self) -> f64 {
+        self.terrain.highest
+    }
+
+    /// What it is a mesh of.
+    pub(super) fn terrain(&self) -> &Terrain<'a> {
+        &self.terrain
     }
 
     /// The file.
@@ -175,11 +188,24 @@ impl<'a> Nested<'a> {
 
     /// Hands on the vertices, in the order of their numbers.
     pub fn each_vertex(&self, out: &mut dyn FnMut(&[Place]) -> Result<()>) -> Result<()> {
+        let header = self.terrain.reader.header();
+        let mut places = Vec::with_capacity(PIECE);
+        self.each_point(&mut |points| {
+            places.clear();
+            places.extend(points.iter().map(|&((x, y), number)| {
+                [f64::from(x) / 2.0, f64::from(y) / 2.0, height_of_number(header, number)]
+            }));
+            out(&places)
+        })
+    }
+
+    /// Hands on the vertices, in the order of their numbers, as numbers.
+    pub(super) fn each_point(&self, out: &mut dyn FnMut(&[Doubled]) -> Result<()>) -> Result<()> {
         let mut lookup = Lookup::new(&self.terrain);
         let mut piece = Vec::with_capacity(PIECE);
         for vertex in self.drawn.as_ref().unwrap_or(&self.vertices).vertices() {
-            let height = lookup.height(vertex, (i64::MAX, i64::MAX))?;
-            piece.push([vertex.x.into(), vertex.y.into(), height]);
+            let number = lookup.number(vertex, (i64::MAX, i64::MAX))?;
+            piece.push(((2 * vertex.x, 2 * vertex.y), number));
             if piece.len() == PIECE {
                 out(&piece)?;
                 piece.clear();
@@ -190,13 +216,13 @@ impl<'a> Nested<'a> {
                 |part: fn(&Vertex) -> u32| point.of.iter().map(|vertex| i64::from(part(vertex))).sum::<i64>();
             // Samples of a triangle lie in one tile: that on the side of its middle.
             let toward = (2 * sum(|vertex| vertex.x) / 3, 2 * sum(|vertex| vertex.y) / 3);
-            let mut height = 0.0;
+            let mut number = 0.0;
             for (&vertex, weight) in point.of.iter().zip(point.weights) {
                 if weight != 0.0 {
-                    height += weight * lookup.height(vertex, toward)?;
+                    number += weight * lookup.number(vertex, toward)?;
                 }
             }
-            piece.push([f64::from(point.doubled.0) / 2.0, f64::from(point.doubled.1) / 2.0, height]);
+            piece.push((point.doubled, number));
             if piece.len() == PIECE {
                 out(&piece)?;
                 piece.clear();

@@ -4,13 +4,17 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use super::nested::Nested;
+use super::budget::error_for;
+use super::made::{Made, Method, Wish};
 use super::placing::Placing;
 use super::terrain::Extent;
 use crate::container::Reader;
 use crate::error::{Error, Result};
 use crate::mesh_file::{Content, Format, Up, Vertex, Writer};
 use crate::progress::{Progress, Stage};
+
+/// Least angle of free triangles in degrees, unless another is asked for.
+pub const LEAST_ANGLE: f64 = 5.0;
 
 /// The coordinates of a mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,13 +37,24 @@ impl Frame {
     }
 }
 
+/// How exact a mesh is to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Target {
+    /// Its surface is off by at most so many metres, anywhere.
+    Error(f64),
+    /// It has at most so many triangles, and the least error for them.
+    Triangles(u64),
+}
+
 /// What to make a mesh of, and how.
 #[derive(Clone, Copy, Debug)]
 pub struct MeshOptions {
     /// The part of the raster; `None` for all of it.
     pub extent: Option<Extent>,
-    /// Most metres by which the surface of the mesh may be off, anywhere.
-    pub error_m: f64,
+    /// How exact it is to be.
+    pub target: Target,
+    /// How its triangles are found.
+    pub method: Method,
     /// Coordinates.
     pub frame: Frame,
     /// The axis that is up; `None` for what is usual in the format.
@@ -53,7 +68,16 @@ pub struct MeshOptions {
 impl MeshOptions {
     /// The mesh of a whole file, off by at most `error_m` metres.
     pub fn new(error_m: f64) -> Self {
-        Self { extent: None, error_m, frame: Frame::Local, up: None, quantise: false, force: false }
+        let target = Target::Error(error_m);
+        Self {
+            extent: None,
+            target,
+            method: Method::Free(LEAST_ANGLE),
+            frame: Frame::Local,
+            up: None,
+            quantise: false,
+            force: false,
+        }
     }
 }
 
@@ -86,16 +110,24 @@ pub fn save(
     let format = Format::of(output)?;
     let extent = options.extent.unwrap_or_else(|| Extent::of(reader.header()));
     let placing = Placing::new(reader, extent, options, format)?;
+    let wish = Wish { reader, extent, method: options.method };
     // What the coordinates of the file are rounded by is taken from the tolerance. It is measured,
     // for whole numbers often need no rounding, and what rounded columns and rows do depends on
     // slopes.
     let mut rounding = placing.rounding_m;
+    let found = match options.target {
+        Target::Error(_) => None,
+        Target::Triangles(most) => Some(error_for(wish, most, progress)?),
+    };
     for _ in 0..4 {
-        let kept = options.error_m - rounding;
+        let kept = match (options.target, found) {
+            (Target::Error(error), _) => error - rounding,
+            (Target::Triangles(_), found) => found.unwrap_or_default(),
+        };
         if kept < 0.0 {
-            return Err(too_coarse(output, options.error_m, rounding));
+            return Err(too_coarse(output, rounding));
         }
-        let mesh = Nested::new(reader, extent, kept, progress)?;
+        let mesh = Made::new(wish, kept, progress)?;
         if mesh.triangle_count() == 0 {
             return Err(Error::usage(format!(
                 "{}: there is no valid sample in the window, so there is no mesh",
@@ -115,12 +147,12 @@ pub fn save(
         };
         rounding = 1.25 * measured;
     }
-    Err(too_coarse(output, options.error_m, rounding))
+    Err(too_coarse(output, rounding))
 }
 
-fn too_coarse(output: &Path, error_m: f64, rounding: f64) -> Error {
+fn too_coarse(output: &Path, rounding: f64) -> Error {
     Error::usage(format!(
-        "{}: its numbers round the surface by up to {rounding} m, so it cannot promise {error_m} m; \
+        "{}: its numbers round the surface by up to {rounding} m, so it cannot promise less; \
          allow a larger error, take a window, or write PLY",
         output.display()
     ))
@@ -129,7 +161,7 @@ fn too_coarse(output: &Path, error_m: f64, rounding: f64) -> Error {
 /// Writes a mesh. If its coordinates are rounded by more than `rounding`, nothing is written, and
 /// that is returned.
 fn write(
-    mesh: &Nested<'_>,
+    mesh: &Made<'_>,
     output: &Path,
     (format, placing): (Format, &Placing),
     options: &MeshOptions,
@@ -189,7 +221,7 @@ fn write(
 
 /// What the file will hold.
 fn content(
-    mesh: &Nested<'_>,
+    mesh: &Made<'_>,
     placing: &Placing,
     (format, options): (Format, &MeshOptions),
     promised_m: f64,
@@ -237,7 +269,7 @@ fn tilt(writer: &Writer, placing: &Placing, corners: [[f64; 3]; 3]) -> f64 {
 }
 
 /// What a mesh file says of itself.
-fn about(mesh: &Nested<'_>, placing: &Placing, options: &MeshOptions, promised_m: f64) -> Value {
+fn about(mesh: &Made<'_>, placing: &Placing, options: &MeshOptions, promised_m: f64) -> Value {
     let reader = mesh.reader();
     let Extent { columns, rows } = mesh.extent();
     let (x, y) = reader.geo().world_from_sample(placing.origin.0, placing.origin.1);

@@ -78,6 +78,8 @@ pub(super) struct Terrain<'a> {
     pub limit: f64,
     /// Metres of one number.
     pub metres: f64,
+    /// The largest number that a height can be, its sign left out.
+    pub highest: f64,
     /// What triangles are off by at most, in metres, with what the file's heights were rounded by
     /// and what arithmetic rounds.
     pub promised_m: f64,
@@ -108,7 +110,9 @@ impl<'a> Terrain<'a> {
         let limit = kept / metres;
         let limit = if metres.mul_add(limit, -kept) > 0.0 { limit.next_down() } else { limit };
         let promised_m = error_m.max(error_m - kept_of_file + rounding);
-        let mut terrain = Self { reader, extent, limit, metres, promised_m, sides: [const { None }; 4] };
+        let highest = highest / metres;
+        let mut terrain =
+            Self { reader, extent, limit, metres, highest, promised_m, sides: [const { None }; 4] };
         let side = terrain.side();
         let Extent { columns, rows } = extent;
         let needs = [columns.0 > 0, columns.1 < side, rows.0 > 0, rows.1 < side];

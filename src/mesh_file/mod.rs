@@ -1,8 +1,8 @@
 //! Files of triangle meshes: GLB, OBJ, PLY and STL, written as a stream and read whole.
 //!
-//! [`Writer`] takes vertices and triangles that someone else makes, and tells by [`Writer::stored`]
-//! what a reader of the file gets back for a vertex. [`read`] reads files that anyone made. Neither
-//! knows of tiles, rasters, or how a mesh comes about.
+//! [`Writer`] takes vertices and triangles that someone else makes, and tells by
+//! [`Writer::stored`] what a reader of the file gets back for a vertex. [`read()`] reads files that
+//! anyone made. Neither knows of tiles, rasters, or how a mesh comes about.
 //!
 //! In memory z is up, and a triangle is counter-clockwise seen from above. Files of GLB have y up
 //! and counter-clockwise triangles; in the others z is up unless [`Content::up`] says else.

@@ -42,8 +42,9 @@ fn every_format_keeps_its_promise_on_real_terrain() {
     for dem in [CO, RMNP] {
         done(at, &["build", dem, "-o", "terrain.rlv", "--force"]);
         for mesh in ["a.glb", "a.ply", "a.obj", "a.stl"] {
-            for error in ["2m", "300cm", "50"] {
-                done(at, &["mesh", "terrain.rlv", "--max-error", error, "-o", mesh, "--force"]);
+            for (error, method) in [("300cm", "nested"), ("30", "tin")] {
+                let how = ["--max-error", error, "--method", method];
+                done(at, &[&["mesh", "terrain.rlv", "-o", mesh, "--force"], &how[..]].concat());
                 let frame: &[&str] =
                     if mesh == "a.stl" { &["--frame", "local", "--max-error", error] } else { &[] };
                 for source in ["terrain.rlv", dem] {
@@ -63,12 +64,12 @@ fn meshes_of_dems_and_of_parts_are_those_of_files() {
     let at = folder.path();
     std::fs::copy(fixture(CO), at.join("dem.tif")).unwrap();
     done(at, &["build", "dem.tif"]);
-    done(at, &["mesh", "dem.tif", "--max-error", "5", "-o", "of_dem.ply", "--jobs", "1"]);
-    done(at, &["mesh", "dem.rlv", "--max-error", "5", "-o", "of_file.ply", "--jobs", "3"]);
+    done(at, &["mesh", "dem.tif", "--max-error", "20", "-o", "of_dem.ply", "--jobs", "1"]);
+    done(at, &["mesh", "dem.rlv", "--max-error", "20", "-o", "of_file.ply", "--jobs", "3"]);
     let bytes = |name: &str| std::fs::read(at.join(name)).unwrap();
     assert!(bytes("of_dem.ply") == bytes("of_file.ply"), "another mesh");
-    let part = ["--srcwin", "100,70,300,211", "--max-error", "5"];
-    for more in [&[][..], &["--frame", "crs"], &["--up", "y"]] {
+    let part = ["--srcwin", "100,70,300,211", "--max-error", "20"];
+    for more in [&["--method", "nested"][..], &["--frame", "crs"], &["--up", "y"]] {
         done(at, &[&["mesh", "dem.rlv", "-o", "part.ply", "--force"], &part[..], more].concat());
         let up = if more == ["--up", "y"] { more } else { &[] };
         let told = done(at, &[&["verify", "part.ply", "--source", "dem.tif"], up].concat());
@@ -76,7 +77,7 @@ fn meshes_of_dems_and_of_parts_are_those_of_files() {
     }
     done(
         at,
-        &["mesh", "dem.rlv", "--quantize", "-o", "part.glb", "--srcwin", "0,0,300,211", "--max-error", "5"],
+        &["mesh", "dem.rlv", "--quantize", "-o", "part.glb", "--srcwin", "0,0,300,211", "--max-error", "20"],
     );
     done(at, &["verify", "part.glb", "--source", "dem.tif"]);
     let whole = mesh_file::read(&at.join("of_file.ply"), None).unwrap();
@@ -84,6 +85,29 @@ fn meshes_of_dems_and_of_parts_are_those_of_files() {
     assert!(crs.triangles.len() < whole.triangles.len());
     let left: Vec<_> = std::fs::read_dir(at).unwrap().map(|file| file.unwrap().file_name()).collect();
     assert_eq!(left.len(), 6, "{left:?}");
+}
+
+#[test]
+fn a_number_of_triangles_is_kept_and_nearly_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::copy(fixture(CO), at.join("dem.tif")).unwrap();
+    done(at, &["build", "dem.tif"]);
+    let mut before = f64::INFINITY;
+    for most in [500_u64, 10_000, 200_000, 2_000_000] {
+        let (triangles, method) = (most.to_string(), if most == 500 { "tin" } else { "nested" });
+        let how = ["--triangles", &triangles, "--method", method, "-f", "--json"];
+        let told = done(at, &[&["mesh", "dem.rlv", "-o", "m.ply"], &how[..]].concat());
+        let told: serde_json::Value = serde_json::from_str(&told).unwrap();
+        let (count, promised) = (told["triangles"].as_u64().unwrap(), told["promised_m"].as_f64().unwrap());
+        let all = 2 * 1006 * 632;
+        assert!(count <= most && count as f64 > 0.9 * most.min(all) as f64, "{count} of {most}");
+        assert!(promised < before, "{promised} m with {count}, {before} m with fewer");
+        before = promised;
+        done(at, &["verify", "m.ply", "--source", "dem.tif"]);
+    }
+    assert!(before < 1e-9, "{before} m with all triangles");
+    assert!(refused(at, &["mesh", "dem.rlv", "--triangles", "1", "-o", "m.ply", "-f"]).contains("coarsest"));
 }
 
 #[test]

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use relevo::container::Reader;
 use relevo::geo::{Crs, CrsKind, WGS84};
 use relevo::mesh::check::{Allowed, Options, Raster as Truth, check};
-use relevo::mesh::{Frame, MeshOptions, save};
+use relevo::mesh::{Frame, MeshOptions, Method, save};
 use relevo::mesh_file;
 use relevo::pipeline::{self, BuildOptions, Silent};
 use relevo::{Error, Rect};
@@ -34,11 +34,11 @@ fn places(vertices: &[[f64; 3]], about: &Value) -> Vec<[f64; 3]> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(250))]
+    #![proptest_config(ProptestConfig::with_cases(200))]
     #[test]
     fn a_mesh_keeps_what_its_file_promises(
         (mut raster, extent, error) in terrain(), format in 0_usize..4, place in 0_usize..3,
-        quantise: bool, precision in 0_usize..3, paper: bool, in_crs: bool,
+        quantise: bool, precision in 0_usize..3, paper: bool, in_crs: bool, free: Option<bool>,
     ) {
         let folder = tempfile::tempdir().unwrap();
         raster.info.geo.transform = match place {
@@ -63,6 +63,7 @@ proptest! {
         let options = MeshOptions {
             extent: Some(extent),
             quantise: quantise && format == 0,
+            method: free.map_or(Method::Nested, |any| Method::Free(if any { 0.0 } else { 5.0 })),
             frame: if in_crs && format != 3 && place > 0 { Frame::Crs } else { Frame::Local },
             ..MeshOptions::new(error)
         };

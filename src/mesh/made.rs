@@ -1,0 +1,96 @@
+//! A mesh of either kind, made.
+
+use super::collapse::Collapsed;
+use super::nested::{Nested, Place, Triangle};
+use super::terrain::Extent;
+use crate::container::Reader;
+use crate::error::Result;
+use crate::progress::Progress;
+use crate::select::Frame;
+
+/// How the triangles of a mesh are found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Method {
+    /// Triangles of any shape, with no angle below so many degrees but those of 45 degrees that the
+    /// nested mesh has: few triangles. The whole mesh is held in memory.
+    Free(f64),
+    /// The nested mesh: more triangles, in less time and memory.
+    Nested,
+}
+
+/// What to make a mesh of.
+#[derive(Clone, Copy)]
+pub(super) struct Wish<'a> {
+    pub reader: &'a Reader,
+    pub extent: Extent,
+    pub method: Method,
+}
+
+/// A mesh.
+pub(super) struct Made<'a> {
+    nested: Nested<'a>,
+    free: Option<Collapsed>,
+}
+
+impl<'a> Made<'a> {
+    /// The mesh that is off by at most `error_m` metres.
+    pub fn new(wish: Wish<'a>, error_m: f64, progress: &dyn Progress) -> Result<Self> {
+        let Wish { reader, extent, method } = wish;
+        let nested = Nested::new(reader, extent, error_m, progress)?;
+        let free = match method {
+            Method::Nested => None,
+            Method::Free(degrees) => {
+                let middle = |(first, last): (u32, u32)| first + (last - first) / 2;
+                let Frame { dx, dy, .. } =
+                    Frame::at(reader.geo(), middle(extent.columns), middle(extent.rows));
+                Some(Collapsed::new(&nested, degrees.to_radians(), (dx, dy), progress)?)
+            }
+        };
+        Ok(Self { nested, free })
+    }
+
+    /// The file.
+    pub fn reader(&self) -> &Reader {
+        self.nested.reader()
+    }
+
+    /// The part of the raster.
+    pub fn extent(&self) -> Extent {
+        self.nested.extent()
+    }
+
+    /// What its surface is off by at most, in metres.
+    pub fn promised_m(&self) -> f64 {
+        self.nested.promised_m() + self.free.as_ref().map_or(0.0, Collapsed::rounding_m)
+    }
+
+    /// Vertices.
+    pub fn vertex_count(&self) -> u64 {
+        self.free.as_ref().map_or_else(|| self.nested.vertex_count(), |free| free.places().len() as u64)
+    }
+
+    /// Triangles.
+    pub fn triangle_count(&self) -> u64 {
+        self.free.as_ref().map_or_else(|| self.nested.triangle_count(), |free| free.triangles().len() as u64)
+    }
+
+    /// Hands on the vertices.
+    pub fn each_vertex(&self, out: &mut dyn FnMut(&[Place]) -> Result<()>) -> Result<()> {
+        match &self.free {
+            Some(free) => free.places().chunks(1 << 15).try_for_each(out),
+            None => self.nested.each_vertex(out),
+        }
+    }
+
+    /// Hands on the triangles.
+    pub fn each_triangle(
+        &self,
+        out: &mut dyn FnMut(&[Triangle]) -> Result<()>,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        match &self.free {
+            Some(free) => free.triangles().chunks(1 << 15).try_for_each(out),
+            None => self.nested.each_triangle(out, progress),
+        }
+    }
+}
