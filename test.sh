@@ -128,7 +128,7 @@ runner=(cargo test --no-fail-fast --lib --bins --tests --examples)
 gdal=(cargo test --no-fail-fast --test it)
 if cargo nextest --version >/dev/null 2>&1; then
     runner=(cargo nextest run --no-fail-fast)
-    behind='comments|container|each|imagery|layers|reader_scale|spec|golden|vectors|verify|horizontal|half_steps|observed|select|real_data|memory|resume|pieces|mesh_file'
+    behind='comments|container|each|imagery|layers|reader_scale|spec|golden|vectors|verify|horizontal|half_steps|observed|select|real_data|memory|resume|pieces|mesh_file|mesh_cli|mesh_nested|mesh_save|verify_mesh'
     behind+='|state|sparse|export|hillshade|geotiff_write|imagery_pyramid|fuzz_corpus|cli_pages|cli_json|hostile_text'
     gdal=(cargo nextest run --no-fail-fast --test it -E "not test(/^($behind)::/)")
 fi

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use relevo::container::reader::Reader;
+use relevo::mesh::check::Report as Found;
 use relevo::mesh::{self, Extent, MeshOptions, MeshReport, Method, Target};
 use relevo::mesh_file::Up;
 use relevo::output::Inputs;
@@ -16,12 +17,13 @@ use serde_json::json;
 use crate::cli::dem::SourceArgs;
 use crate::cli::progress::{Mode, Show};
 use crate::cli::table::{self, bytes, grouped, plural, short, wrapped};
-use crate::cli::verify_mesh::{metres, samples, up};
+use crate::cli::verify_mesh::{after_mesh, metres, samples, up};
 use crate::cli::warnings::{print_warnings, with_options};
 use crate::cli::{Outcome, inputs, json, shown, voice};
 
 /// Write a triangle mesh whose surface is nowhere off by more than you allow
 #[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "flags of a command line")]
 pub struct Args {
     /// The .rlv file; or the DEM, or several on one grid to be joined
     #[arg(value_name = "FILE|DEM", required = true)]
@@ -56,6 +58,10 @@ pub struct Args {
     /// fit
     #[arg(long)]
     quantize: bool,
+    /// Leave out the check of the written file, which reads all of the terrain and holds the mesh
+    /// in memory
+    #[arg(long)]
+    no_check: bool,
     /// Use N threads [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
@@ -103,14 +109,15 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let show = Show::new(args.progress);
     let made = with_threads(args.jobs, || make(args, &files, &show));
     show.finish();
-    let report = made??;
+    let (report, found) = made??;
     let seconds = start.elapsed().as_secs_f64();
     if args.json {
-        json::print(&json::object("mesh", describe(args, &report, seconds)), out)?;
+        json::print(&json::object("mesh", describe(args, &report, found.as_ref(), seconds)), out)?;
     } else if !voice::quiet() {
-        print(args, &report, seconds, out)?;
+        print(args, &report, found.as_ref(), seconds, out)?;
     }
-    Ok(ExitCode::SUCCESS)
+    let keeps = found.is_none_or(|found| found.keeps(report.promised_m));
+    Ok(if keeps { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
 /// Runs work on as many threads as asked for.
@@ -120,8 +127,11 @@ fn with_threads<R: Send>(jobs: Option<u16>, work: impl FnOnce() -> R + Send) -> 
     Ok(pool.map_err(|error| Error::usage(format!("cannot start {jobs} threads: {error}")))?.install(work))
 }
 
+/// What has been made, and what the check of it has found.
+type Made = (MeshReport, Option<Found>);
+
 /// Makes the mesh of a .rlv file, or of one that is built for it and goes again.
-fn make(args: &Args, files: &[PathBuf], show: &Show) -> Result<MeshReport, Error> {
+fn make(args: &Args, files: &[PathBuf], show: &Show) -> Result<Made, Error> {
     let is_built = |path: &Path| path.extension().is_some_and(|end| end.eq_ignore_ascii_case("rlv"));
     if let [file] = files
         && is_built(file)
@@ -150,7 +160,7 @@ fn make(args: &Args, files: &[PathBuf], show: &Show) -> Result<MeshReport, Error
 }
 
 /// Makes the mesh of a .rlv file.
-fn of_file(args: &Args, file: &Path, bbox: Option<[f64; 4]>, show: &Show) -> Result<MeshReport, Error> {
+fn of_file(args: &Args, file: &Path, bbox: Option<[f64; 4]>, show: &Show) -> Result<Made, Error> {
     let reader = Reader::open(file)?;
     let size = (reader.header().width, reader.header().height);
     let window = match bbox {
@@ -186,20 +196,35 @@ fn of_file(args: &Args, file: &Path, bbox: Option<[f64; 4]>, show: &Show) -> Res
         quantise: args.quantize,
         force: args.force,
     };
-    mesh::save(&reader, &args.output, &options, show)
+    let report = mesh::save(&reader, &args.output, &options, show)?;
+    if args.no_check {
+        return Ok((report, None));
+    }
+    let Extent { columns, rows } = report.extent;
+    let window = Rect { columns: columns.0..columns.1 + 1, rows: rows.0..rows.1 + 1 };
+    let found = after_mesh(&args.output, &reader, (window, args.up), show)?;
+    Ok((report, Some(found)))
 }
 
-fn describe(args: &Args, report: &MeshReport, seconds: f64) -> serde_json::Value {
+fn describe(args: &Args, report: &MeshReport, found: Option<&Found>, seconds: f64) -> serde_json::Value {
     let Extent { columns, rows } = report.extent;
     json!({
         "sources": json::paths(&args.inputs), "file": json::path(&args.output), "bytes": report.bytes,
         "window": [columns.0, rows.0, columns.1 - columns.0 + 1, rows.1 - rows.0 + 1],
         "triangles": report.triangles, "vertices": report.vertices,
-        "promised_m": report.promised_m, "seconds": seconds,
+        "promised_m": report.promised_m, "found_m": found.map(|found| found.largest_m),
+        "found_at": found.map(|found| found.at), "found_rmse_m": found.map(|found| found.rmse_m),
+        "seconds": seconds,
     })
 }
 
-fn print(args: &Args, report: &MeshReport, seconds: f64, out: &mut dyn Write) -> std::io::Result<()> {
+fn print(
+    args: &Args,
+    report: &MeshReport,
+    found: Option<&Found>,
+    seconds: f64,
+    out: &mut dyn Write,
+) -> std::io::Result<()> {
     let Extent { columns, rows } = report.extent;
     let (wide, high) = (u64::from(columns.1 - columns.0), u64::from(rows.1 - rows.0));
     let all = 2 * wide * high;
@@ -215,11 +240,16 @@ fn print(args: &Args, report: &MeshReport, seconds: f64, out: &mut dyn Write) ->
         table::seconds(seconds)
     );
     writeln!(out, "{}", wrapped(&line, 0))?;
-    let line = format!(
-        "Its surface is nowhere off by more than {} m; `relevo verify {} --source {}` checks it.",
-        short(report.promised_m),
-        shown(&args.output),
-        args.inputs.iter().map(|input| shown(input)).collect::<Vec<_>>().join(" ")
-    );
+    let promise = format!("Promised: nowhere off by more than {} m.", short(report.promised_m));
+    let line = match found {
+        Some(found) => format!(
+            "{promise} Found in the file, by other code: {} m at column {}, row {}; RMSE {} m.",
+            short(found.largest_m),
+            short(found.at[0]),
+            short(found.at[1]),
+            short(found.rmse_m)
+        ),
+        None => format!("{promise} The file has not been checked."),
+    };
     writeln!(out, "{}", wrapped(&line, 0))
 }

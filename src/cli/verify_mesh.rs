@@ -167,6 +167,23 @@ pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     Ok(if found.is_good() { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
+/// Holds a mesh that `relevo mesh` has just written against the file that it is of.
+pub(super) fn after_mesh(
+    file: &Path,
+    reader: &Reader,
+    (window, up): (Rect, Option<Up>),
+    progress: &dyn relevo::progress::Progress,
+) -> Result<Report, Error> {
+    let mesh = mesh_file::read(file, up)?;
+    let heights = Leaves(reader);
+    let mut about = About::of(&mesh.about)?;
+    about.assume_local(reader.geo(), heights.size(), Some(&window));
+    let map = mesh_frame::map(Frame::Local, &about, reader.geo(), heights.size(), 1.0)?;
+    let Placed { vertices, triangles, near } = mesh_frame::place(mesh, &map, mesh_frame::keeps_f32(file));
+    let options = Options { window: Some(window), near, ..Options::default() };
+    check(&vertices, &triangles, &heights, &options, progress)
+}
+
 /// A report with what it is held to.
 struct Checked {
     report: Report,
