@@ -14,6 +14,7 @@ use relevo::source::cropped::Bbox;
 use relevo::{Build, BuildOptions, Error, Rect};
 use serde_json::json;
 
+use crate::cli::build::size;
 use crate::cli::dem::SourceArgs;
 use crate::cli::progress::{Mode, Show};
 use crate::cli::table::{self, bytes, grouped, plural, short, wrapped};
@@ -65,6 +66,10 @@ pub struct Args {
     /// Use N threads [default: one for each core]
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
+    /// Use at most this much memory, such as 512MiB or 4GiB, for triangles of any shape and for the
+    /// check: else they are refused, and it is left out [default: all of the machine's]
+    #[arg(long, value_name = "SIZE", value_parser = size)]
+    memory: Option<u64>,
     /// Replace the output if it exists
     #[arg(long, short)]
     force: bool,
@@ -101,7 +106,12 @@ enum Frame {
 pub fn run(args: &Args, out: &mut dyn Write) -> Outcome {
     let start = Instant::now();
     let files = inputs::expand(&args.inputs)?;
-    Inputs::new(&files).check(&args.output)?;
+    let named: Vec<PathBuf> = inputs::lists(&args.inputs).into_iter().chain(files.iter().cloned()).collect();
+    Inputs::new(&named).check(&args.output)?;
+    let folder = args.output.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+        return Err(Error::usage(format!("{}: there is no such folder to write to", shown(folder))).into());
+    }
     if args.output.exists() && !args.force {
         let output = shown(&args.output);
         return Err(Error::usage(format!("{output}: exists already; --force replaces it")).into());
@@ -125,6 +135,23 @@ fn with_threads<R: Send>(jobs: Option<u16>, work: impl FnOnce() -> R + Send) -> 
     let Some(jobs) = jobs else { return Ok(work()) };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs.into()).build();
     Ok(pool.map_err(|error| Error::usage(format!("cannot start {jobs} threads: {error}")))?.install(work))
+}
+
+/// Bytes that the check takes for each triangle (42 were measured of a GLB), and besides.
+const CHECK_PER_TRIANGLE: u64 = 80;
+const CHECK_BESIDES: u64 = 256 << 20;
+
+/// Bytes of memory that the machine has.
+#[cfg(target_os = "linux")]
+fn machine_memory() -> u64 {
+    let info = rustix::system::sysinfo();
+    u64::from(info.mem_unit).saturating_mul(info.totalram as u64)
+}
+
+/// Other systems are not asked.
+#[cfg(not(target_os = "linux"))]
+fn machine_memory() -> u64 {
+    u64::MAX
 }
 
 /// What has been made, and what the check of it has found.
@@ -155,7 +182,9 @@ fn make(args: &Args, files: &[PathBuf], show: &Show) -> Result<Made, Error> {
     let place = place.map_err(|error| Error::io(folder, "make a temporary folder in", error))?;
     let built = place.path().join("terrain.rlv");
     let options = BuildOptions { jobs: args.jobs.map(usize::from), ..BuildOptions::default() };
-    Build::new(&*source).options(options).progress(show).run(&built)?;
+    let report = Build::new(&*source).options(options).progress(show).run(&built)?;
+    // What the samples look like is known only now.
+    show.aside(|| print_warnings(&with_options(&report.warnings[source.info().warnings.len()..])));
     of_file(args, &built, None, show)
 }
 
@@ -182,6 +211,7 @@ fn of_file(args: &Args, file: &Path, bbox: Option<[f64; 4]>, show: &Show) -> Res
         Kind::Tin => Method::Free(args.min_angle),
         Kind::Nested => Method::Nested,
     };
+    let memory = Some(args.memory.unwrap_or_else(machine_memory));
     // One of them is there: the parser sees to it.
     let target = match (args.triangles, args.max_error) {
         (Some(most), _) => Target::Triangles(most),
@@ -194,10 +224,12 @@ fn of_file(args: &Args, file: &Path, bbox: Option<[f64; 4]>, show: &Show) -> Res
         frame,
         up: args.up,
         quantise: args.quantize,
+        memory,
         force: args.force,
     };
     let report = mesh::save(&reader, &args.output, &options, show)?;
-    if args.no_check {
+    let needed = report.triangles.saturating_mul(CHECK_PER_TRIANGLE).saturating_add(CHECK_BESIDES);
+    if args.no_check || memory.is_some_and(|memory| needed > memory) {
         return Ok((report, None));
     }
     let Extent { columns, rows } = report.extent;
@@ -249,7 +281,7 @@ fn print(
             short(found.at[1]),
             short(found.rmse_m)
         ),
-        None => format!("{promise} The file has not been checked."),
+        None => format!("{promise} The file has not been checked; `relevo verify` does it."),
     };
     writeln!(out, "{}", wrapped(&line, 0))
 }

@@ -31,7 +31,7 @@ pub(super) fn error_for(wish: Wish<'_>, most: u64, progress: &dyn Progress) -> R
     let (mut coarse, mut fine) = ((rounded + range + 1.0, count(rounded + range + 1.0)?), None);
     if coarse.1 > most {
         return Err(Error::usage(format!(
-            "the coarsest mesh of this terrain has {} triangles, for outlines of voids are exact; allow as many, or take a window",
+            "even the coarsest mesh of this window has {} triangles (outlines of voids are exact); allow as many, or take another window",
             coarse.1
         )));
     }

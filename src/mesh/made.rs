@@ -4,7 +4,7 @@ use super::collapse::Collapsed;
 use super::nested::{Nested, Place, Triangle};
 use super::terrain::Extent;
 use crate::container::Reader;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::select::Frame;
 
@@ -24,6 +24,29 @@ pub(super) struct Wish<'a> {
     pub reader: &'a Reader,
     pub extent: Extent,
     pub method: Method,
+    /// Bytes of memory to keep within.
+    pub memory: Option<u64>,
+}
+
+/// Bytes for each triangle of the nested mesh that making free triangles of it takes (45 were
+/// measured).
+const PER_TRIANGLE: u64 = 60;
+/// Bytes that each thread takes besides, and that the reader's cache takes.
+const PER_THREAD: u64 = 64 << 20;
+
+/// Fails if free triangles of a nested mesh take more memory than there may be.
+fn check_memory(triangles: u64, memory: Option<u64>) -> Result<()> {
+    let threads = rayon::current_num_threads() as u64 + 2;
+    let needed = triangles.saturating_mul(PER_TRIANGLE).saturating_add(threads * PER_THREAD);
+    match memory {
+        Some(memory) if needed > memory => Err(Error::usage(format!(
+            "free triangles made of {triangles} others take up to {} MiB of memory, more than {} MiB; \
+             take the nested mesh, allow a larger error, or take a window",
+            needed.div_ceil(1 << 20),
+            memory >> 20
+        ))),
+        _ => Ok(()),
+    }
 }
 
 /// A mesh.
@@ -35,11 +58,12 @@ pub(super) struct Made<'a> {
 impl<'a> Made<'a> {
     /// The mesh that is off by at most `error_m` metres.
     pub fn new(wish: Wish<'a>, error_m: f64, progress: &dyn Progress) -> Result<Self> {
-        let Wish { reader, extent, method } = wish;
+        let Wish { reader, extent, method, memory } = wish;
         let nested = Nested::new(reader, extent, error_m, progress)?;
         let free = match method {
             Method::Nested => None,
             Method::Free(degrees) => {
+                check_memory(nested.triangle_count(), memory)?;
                 let middle = |(first, last): (u32, u32)| first + (last - first) / 2;
                 let Frame { dx, dy, .. } =
                     Frame::at(reader.geo(), middle(extent.columns), middle(extent.rows));

@@ -64,7 +64,8 @@ impl<'a> Nested<'a> {
     /// file at full resolution, which for a quantised file counts what its heights were rounded by.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the window has no area, or the error is less than the file's own.
+    /// [`Error::Usage`] if the window has no area, the error is less than the file's own, or the mesh
+    /// has more vertices than 32 bits can number.
     pub fn new(reader: &'a Reader, extent: Extent, error_m: f64, progress: &dyn Progress) -> Result<Self> {
         let (columns, rows) = (extent.columns, extent.rows);
         let header = reader.header();
@@ -92,6 +93,12 @@ impl<'a> Nested<'a> {
             has_voids,
         };
         mesh.count(progress)?;
+        if mesh.vertex_count() > u64::from(u32::MAX) {
+            return Err(Error::usage(format!(
+                "a mesh with an error of {error_m} m has {} vertices, more than 32 bits can number; allow a larger error, or take a window",
+                mesh.vertex_count()
+            )));
+        }
         Ok(mesh)
     }
 

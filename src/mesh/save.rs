@@ -61,6 +61,8 @@ pub struct MeshOptions {
     pub up: Option<Up>,
     /// Keep coordinates in 16 bits (GLB): columns and rows stay exact.
     pub quantise: bool,
+    /// Bytes of memory that free triangles keep within, or are refused; `None`: no limit.
+    pub memory: Option<u64>,
     /// Replace a file of the name.
     pub force: bool,
 }
@@ -76,6 +78,7 @@ impl MeshOptions {
             frame: Frame::Local,
             up: None,
             quantise: false,
+            memory: None,
             force: false,
         }
     }
@@ -108,9 +111,12 @@ pub fn save(
     progress: &dyn Progress,
 ) -> Result<MeshReport> {
     let format = Format::of(output)?;
+    if format == Format::Glb && options.up == Some(Up::Z) {
+        return Err(Error::usage("y is up in a GLB file, always"));
+    }
     let extent = options.extent.unwrap_or_else(|| Extent::of(reader.header()));
     let placing = Placing::new(reader, extent, options, format)?;
-    let wish = Wish { reader, extent, method: options.method };
+    let wish = Wish { reader, extent, method: options.method, memory: options.memory };
     // What the coordinates of the file are rounded by is taken from the tolerance. It is measured,
     // for whole numbers often need no rounding, and what rounded columns and rows do depends on
     // slopes.

@@ -144,9 +144,8 @@ impl<'a> Terrain<'a> {
             if entry.id.level == header.levels {
                 return Ok(0.0);
             }
-            let what =
-                format!("a mesh of a file whose tile {} is a leaf above level {}", entry.id, header.levels);
-            return Err(Error::unsupported(what, "").at(self.reader.path()));
+            let what = format!("a mesh of a file with leaves above level {} ({})", header.levels, entry.id);
+            return Err(Error::unsupported(what, "build the file again").at(self.reader.path()));
         }
         let (corner, side) = self.square(entry.id);
         let is_known = header.metric == Metric::Bound

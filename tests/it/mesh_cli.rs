@@ -127,13 +127,16 @@ fn what_makes_no_sense_is_refused_with_a_way_out() {
         mesh(&[&["dem.rlv", "-o", "a.glb", "--srcwin", "5,5,1,9"], &error[..]].concat()).contains("2 x 2")
     );
     assert!(mesh(&[&["dem.rlv", "-o", "a.ply", "--quantize"], &error[..]].concat()).contains("GLB"));
-    assert!(
-        mesh(&[&["dem.rlv", "-o", "a.glb", "--up", "z"], &error[..]].concat()).contains("z cannot be up")
-    );
+    assert!(mesh(&[&["dem.rlv", "-o", "a.glb", "--up", "z"], &error[..]].concat()).contains("y is up"));
     assert!(mesh(&[&["dem.rlv", "-o", "a.stl", "--frame", "crs"], &error[..]].concat()).contains("PLY"));
     for length in ["2 parsecs", "-1", "nan", "2mmm", ""] {
         refused(at, &["mesh", "dem.rlv", "-o", "a.glb", &format!("--max-error={length}")]);
     }
+    let memory = mesh(&[&["dem.rlv", "-o", "a.glb", "--memory", "64MiB"], &error[..]].concat());
+    assert!(memory.contains("nested mesh") && memory.contains("MiB"), "{memory}");
+    let nested = ["mesh", "dem.rlv", "--memory", "64MiB", "--method", "nested", "-o", "n.glb"];
+    assert!(done(at, &[&nested[..], &error].concat()).contains("not been checked"));
+    assert!(mesh(&[&["dem.rlv", "-o", "nowhere/a.glb"], &error[..]].concat()).contains("no such folder"));
     std::fs::write(at.join("a.glb"), "something else").unwrap();
     assert!(mesh(&[&["dem.rlv", "-o", "a.glb"], &error[..]].concat()).contains("--force"));
     assert_eq!(std::fs::read(at.join("a.glb")).unwrap(), b"something else");
