@@ -64,8 +64,8 @@ impl<'a> Nested<'a> {
     /// file at full resolution, which for a quantised file counts what its heights were rounded by.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the window has no area, the error is less than the file's own, or the mesh
-    /// has more vertices than 32 bits can number.
+    /// [`Error::Usage`] if the window has no area, the error is less than the file's own, or the
+    /// mesh has more vertices than 32 bits can number.
     pub fn new(reader: &'a Reader, extent: Extent, error_m: f64, progress: &dyn Progress) -> Result<Self> {
         let (columns, rows) = (extent.columns, extent.rows);
         let header = reader.header();
