@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use relevo::container::reader::Reader;
 use relevo::mesh::check::Report as Found;
-use relevo::mesh::{self, Extent, MeshOptions, MeshReport, Method, Target};
+use relevo::mesh::{self, MeshOptions, MeshReport, Method, Target};
 use relevo::mesh_file::Up;
 use relevo::output::Inputs;
 use relevo::source::cropped::Bbox;
@@ -199,10 +199,6 @@ fn of_file(args: &Args, file: &Path, bbox: Option<[f64; 4]>, show: &Show) -> Res
         }
         None => args.srcwin.clone(),
     };
-    let extent = window.map(|Rect { columns, rows }| {
-        let ends = |range: std::ops::Range<u32>| (range.start, range.end.saturating_sub(1));
-        Extent { columns: ends(columns), rows: ends(rows) }
-    });
     let frame = match args.frame {
         Frame::Local => mesh::Frame::Local,
         Frame::Crs => mesh::Frame::Crs,
@@ -218,7 +214,7 @@ fn of_file(args: &Args, file: &Path, bbox: Option<[f64; 4]>, show: &Show) -> Res
         (None, error) => Target::Error(error.unwrap_or_default()),
     };
     let options = MeshOptions {
-        extent,
+        window,
         target,
         method,
         frame,
@@ -232,17 +228,15 @@ fn of_file(args: &Args, file: &Path, bbox: Option<[f64; 4]>, show: &Show) -> Res
     if args.no_check || memory.is_some_and(|memory| needed > memory) {
         return Ok((report, None));
     }
-    let Extent { columns, rows } = report.extent;
-    let window = Rect { columns: columns.0..columns.1 + 1, rows: rows.0..rows.1 + 1 };
-    let found = after_mesh(&args.output, &reader, (window, args.up), show)?;
+    let found = after_mesh(&args.output, &reader, (report.window.clone(), args.up), show)?;
     Ok((report, Some(found)))
 }
 
 fn describe(args: &Args, report: &MeshReport, found: Option<&Found>, seconds: f64) -> serde_json::Value {
-    let Extent { columns, rows } = report.extent;
+    let Rect { columns, rows } = &report.window;
     json!({
         "sources": json::paths(&args.inputs), "file": json::path(&args.output), "bytes": report.bytes,
-        "window": [columns.0, rows.0, columns.1 - columns.0 + 1, rows.1 - rows.0 + 1],
+        "window": [columns.start, rows.start, columns.len(), rows.len()],
         "triangles": report.triangles, "vertices": report.vertices,
         "promised_m": report.promised_m, "found_m": found.map(|found| found.largest_m),
         "found_at": found.map(|found| found.at), "found_rmse_m": found.map(|found| found.rmse_m),
@@ -257,16 +251,15 @@ fn print(
     seconds: f64,
     out: &mut dyn Write,
 ) -> std::io::Result<()> {
-    let Extent { columns, rows } = report.extent;
-    let (wide, high) = (u64::from(columns.1 - columns.0), u64::from(rows.1 - rows.0));
-    let all = 2 * wide * high;
+    let (wide, high) = (report.window.columns.len() as u64, report.window.rows.len() as u64);
+    let all = 2 * (wide - 1) * (high - 1);
     let line = format!(
         "{}: {} and {} for {} x {} samples, {} % of the triangles between them; {} in {}.",
         shown(&args.output),
         plural(report.triangles, "triangle", "triangles"),
         plural(report.vertices, "vertex", "vertices"),
-        grouped(wide + 1),
-        grouped(high + 1),
+        grouped(wide),
+        grouped(high),
         short(100.0 * report.triangles as f64 / all as f64),
         bytes(report.bytes),
         table::seconds(seconds)

@@ -49,6 +49,8 @@ pub struct Map {
 /// What a mesh of this program says of itself.
 #[derive(Default)]
 pub struct About {
+    /// What its coordinates are, if it says so by a name that is known.
+    pub frame: Option<Frame>,
     /// From column, row and metres to its coordinates.
     to_frame: Option<Map>,
     /// The samples that it covers.
@@ -89,6 +91,7 @@ impl About {
         let max_error_m = told("max_error_m").map(|value| value.as_f64().filter(|metres| *metres >= 0.0));
         let or = |name: &'static str, expected: &'static str| move || wrong(name, expected);
         Ok(Self {
+            frame: relevo["frame"].as_str().and_then(Frame::named),
             to_frame: to_frame
                 .map(|map| map.ok_or_else(or("to_frame", "a matrix of 3 x 3 and an offset")))
                 .transpose()?,

@@ -199,7 +199,7 @@ impl Checked {
         if options.frame == Some(Frame::Local) {
             about.assume_local(geo, heights.size(), options.srcwin.as_ref());
         }
-        let frame = options.frame.unwrap_or(Frame::Local);
+        let frame = options.frame.or(about.frame).unwrap_or(Frame::Local);
         let z_scale = options.z_scale.unwrap_or(1.0);
         let map = mesh_frame::map(frame, &about, geo, heights.size(), z_scale)?;
         let Placed { vertices, triangles, near } =

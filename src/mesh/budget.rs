@@ -18,10 +18,10 @@ const GOOD: f64 = 0.99;
 /// [`Error::Usage`] if even the coarsest mesh has more.
 pub(super) fn error_for(wish: Wish<'_>, most: u64, progress: &dyn Progress) -> Result<f64> {
     let count = |error: f64| Made::new(wish, error, progress).map(|mesh| mesh.triangle_count());
-    let Wish { reader, extent, .. } = wish;
+    let Wish { reader, window, .. } = wish;
     let header = reader.header();
     let rounded = (header.quantisation_error * header.band_scale * header.unit_metres).abs();
-    let cells = u64::from(extent.columns.1 - extent.columns.0) * u64::from(extent.rows.1 - extent.rows.0);
+    let cells = (window.columns.len() as u64 - 1) * (window.rows.len() as u64 - 1);
     if most >= 2 * cells {
         return Ok(rounded);
     }

@@ -1,11 +1,13 @@
 //! A mesh of either kind, made.
 
+use std::ops::Range;
+
 use super::collapse::Collapsed;
 use super::nested::{Nested, Place, Triangle};
-use super::terrain::Extent;
 use crate::container::Reader;
 use crate::error::{Error, Result};
 use crate::progress::Progress;
+use crate::rect::Rect;
 use crate::select::Frame;
 
 /// How the triangles of a mesh are found.
@@ -22,10 +24,16 @@ pub enum Method {
 #[derive(Clone, Copy)]
 pub(super) struct Wish<'a> {
     pub reader: &'a Reader,
-    pub extent: Extent,
+    pub window: &'a Rect,
     pub method: Method,
     /// Bytes of memory to keep within.
     pub memory: Option<u64>,
+}
+
+/// The sample in the middle of a window that is not empty.
+pub(super) fn middle(window: &Rect) -> (u32, u32) {
+    let of = |range: &Range<u32>| range.start + (range.end - 1 - range.start) / 2;
+    (of(&window.columns), of(&window.rows))
 }
 
 /// Bytes for each triangle of the nested mesh that making free triangles of it takes (45 were
@@ -58,15 +66,14 @@ pub(super) struct Made<'a> {
 impl<'a> Made<'a> {
     /// The mesh that is off by at most `error_m` metres.
     pub fn new(wish: Wish<'a>, error_m: f64, progress: &dyn Progress) -> Result<Self> {
-        let Wish { reader, extent, method, memory } = wish;
-        let nested = Nested::new(reader, extent, error_m, progress)?;
+        let Wish { reader, window, method, memory } = wish;
+        let nested = Nested::new(reader, Some(window), error_m, progress)?;
         let free = match method {
             Method::Nested => None,
             Method::Free(degrees) => {
                 check_memory(nested.triangle_count(), memory)?;
-                let middle = |(first, last): (u32, u32)| first + (last - first) / 2;
-                let Frame { dx, dy, .. } =
-                    Frame::at(reader.geo(), middle(extent.columns), middle(extent.rows));
+                let (column, row) = middle(window);
+                let Frame { dx, dy, .. } = Frame::at(reader.geo(), column, row);
                 Some(Collapsed::new(&nested, degrees.to_radians(), (dx, dy), progress)?)
             }
         };
@@ -79,8 +86,8 @@ impl<'a> Made<'a> {
     }
 
     /// The part of the raster.
-    pub fn extent(&self) -> Extent {
-        self.nested.extent()
+    pub fn window(&self) -> Rect {
+        self.nested.window()
     }
 
     /// What its surface is off by at most, in metres.

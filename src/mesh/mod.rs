@@ -25,4 +25,3 @@ mod vertex;
 pub use made::Method;
 pub use nested::Nested;
 pub use save::{Frame, LEAST_ANGLE, MeshOptions, MeshReport, Target, save};
-pub use terrain::Extent;

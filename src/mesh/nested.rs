@@ -21,6 +21,7 @@ use super::vertex::Vertex;
 use crate::container::Reader;
 use crate::error::{Error, Result};
 use crate::progress::{Progress, Stage};
+use crate::rect::Rect;
 
 /// Triangles and vertices are handed on in pieces of about this many.
 const PIECE: usize = 1 << 15;
@@ -60,22 +61,20 @@ struct Found {
 }
 
 impl<'a> Nested<'a> {
-    /// The mesh whose surface is nowhere off by more than `error_m` metres from the terrain of the
-    /// file at full resolution, which for a quantised file counts what its heights were rounded by.
+    /// The mesh of a window (`None`: all of the raster) whose surface is nowhere off by more than
+    /// `error_m` metres from the terrain of the file at full resolution, which for a quantised file
+    /// counts what its heights were rounded by.
     ///
     /// # Errors
     /// [`Error::Usage`] if the window has no area, the error is less than the file's own, or the
     /// mesh has more vertices than 32 bits can number.
-    pub fn new(reader: &'a Reader, extent: Extent, error_m: f64, progress: &dyn Progress) -> Result<Self> {
-        let (columns, rows) = (extent.columns, extent.rows);
-        let header = reader.header();
-        let fits = |(first, last): (u32, u32), size: u32| first < last && last < size;
-        if !fits(columns, header.width) || !fits(rows, header.height) {
-            return Err(Error::usage(format!(
-                "columns {} to {} and rows {} to {} are no area of a raster of {} x {} samples; a mesh needs 2 x 2",
-                columns.0, columns.1, rows.0, rows.1, header.width, header.height
-            )));
-        }
+    pub fn new(
+        reader: &'a Reader,
+        window: Option<&Rect>,
+        error_m: f64,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let extent = Extent::of(reader.header(), window)?;
         let terrain = Terrain::new(reader, extent, error_m)?;
         let (marks, kinds) = needed::find(&terrain, progress)?;
         let has_voids = kinds & HAS_VOID != 0;
@@ -124,8 +123,8 @@ impl<'a> Nested<'a> {
     }
 
     /// The part of the raster.
-    pub fn extent(&self) -> Extent {
-        self.terrain.extent
+    pub fn window(&self) -> Rect {
+        self.terrain.extent.rect()
     }
 
     /// Vertices of the mesh.

@@ -1,12 +1,14 @@
 //! How places of a mesh become coordinates in a file: columns, rows and metres to metres, or to a
 //! coordinate system; and what that rounds.
 
+use super::made::middle;
 use super::nested::Place;
 use super::save::{Frame, MeshOptions};
-use super::terrain::{Extent, metres_of_number};
+use super::terrain::metres_of_number;
 use crate::container::Reader;
 use crate::error::{Error, Result};
 use crate::mesh_file::{Affine, Encoding, Format};
+use crate::rect::Rect;
 use crate::sample::Coding;
 use crate::select::Frame as Metres;
 use crate::tile::TileId;
@@ -29,10 +31,8 @@ pub(super) struct Placing {
 }
 
 impl Placing {
-    pub fn new(reader: &Reader, extent: Extent, options: &MeshOptions, format: Format) -> Result<Self> {
-        let (columns, rows) = (extent.columns, extent.rows);
-        let middle = |(first, last): (u32, u32)| first + (last - first) / 2;
-        let (column, row) = (middle(columns), middle(rows));
+    pub fn new(reader: &Reader, window: &Rect, options: &MeshOptions, format: Format) -> Result<Self> {
+        let (column, row) = middle(window);
         let whole = match options.frame {
             Frame::Local => {
                 let Metres { dx, dy, .. } = Metres::at(reader.geo(), column, row);
@@ -77,22 +77,21 @@ impl Placing {
             },
         };
         if options.quantise {
-            placing.quantise(reader, extent, format)?;
+            placing.quantise(reader, window, format)?;
         }
         Ok(placing)
     }
 
     /// Keeps columns and rows exactly, in halves where an outline of voids can need them, and
     /// heights by the finest step that 16 bits allow: exactly, if they are whole steps of the file.
-    fn quantise(&mut self, reader: &Reader, extent: Extent, format: Format) -> Result<()> {
+    fn quantise(&mut self, reader: &Reader, window: &Rect, format: Format) -> Result<()> {
         let too_many = |what: &str| {
             Error::usage(format!("{what} does not fit 16 bits; take a window, or keep 32-bit numbers"))
         };
         if format != Format::Glb {
             return Err(Error::usage("only GLB files keep coordinates in 16 bits"));
         }
-        let intervals = (extent.columns.1 - extent.columns.0).max(extent.rows.1 - extent.rows.0);
-        if intervals > 32_767 {
+        if window.columns.len().max(window.rows.len()) > 32_768 {
             return Err(too_many("a window of more than 32 767 intervals"));
         }
         let (low, high) = self.heights;
@@ -103,7 +102,7 @@ impl Placing {
         let fitting = [step / 2.0, step].into_iter().find(|step| is_whole && range / step < 65_535.0);
         let height_step = fitting.unwrap_or(if range > 0.0 { range / 65_534.0 } else { 1.0 });
         let (west, north) =
-            (f64::from(extent.columns.0) - self.origin.0, f64::from(extent.rows.0) - self.origin.1);
+            (f64::from(window.columns.start) - self.origin.0, f64::from(window.rows.start) - self.origin.1);
         self.encoding = Encoding::Short { origin: [west, north, low], step: [0.5, 0.5, height_step] };
         self.rounding_m = if fitting.is_some() { 0.0 } else { 0.5001 * height_step };
         Ok(())

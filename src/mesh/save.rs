@@ -12,6 +12,7 @@ use crate::container::Reader;
 use crate::error::{Error, Result};
 use crate::mesh_file::{Content, Format, Up, Vertex, Writer};
 use crate::progress::{Progress, Stage};
+use crate::rect::Rect;
 
 /// Least angle of free triangles in degrees, unless another is asked for.
 pub const LEAST_ANGLE: f64 = 5.0;
@@ -47,10 +48,10 @@ pub enum Target {
 }
 
 /// What to make a mesh of, and how.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct MeshOptions {
     /// The part of the raster; `None` for all of it.
-    pub extent: Option<Extent>,
+    pub window: Option<Rect>,
     /// How exact it is to be.
     pub target: Target,
     /// How its triangles are found.
@@ -72,7 +73,7 @@ impl MeshOptions {
     pub fn new(error_m: f64) -> Self {
         let target = Target::Error(error_m);
         Self {
-            extent: None,
+            window: None,
             target,
             method: Method::Free(LEAST_ANGLE),
             frame: Frame::Local,
@@ -88,7 +89,7 @@ impl MeshOptions {
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshReport {
     /// Its part of the raster.
-    pub extent: Extent,
+    pub window: Rect,
     /// Triangles.
     pub triangles: u64,
     /// Vertices.
@@ -114,9 +115,9 @@ pub fn save(
     if format == Format::Glb && options.up == Some(Up::Z) {
         return Err(Error::usage("y is up in a GLB file, always"));
     }
-    let extent = options.extent.unwrap_or_else(|| Extent::of(reader.header()));
-    let placing = Placing::new(reader, extent, options, format)?;
-    let wish = Wish { reader, extent, method: options.method, memory: options.memory };
+    let window = Extent::of(reader.header(), options.window.as_ref())?.rect();
+    let placing = Placing::new(reader, &window, options, format)?;
+    let wish = Wish { reader, window: &window, method: options.method, memory: options.memory };
     // What the coordinates of the file are rounded by is taken from the tolerance. It is measured,
     // for whole numbers often need no rounding, and what rounded columns and rows do depends on
     // slopes.
@@ -144,7 +145,7 @@ pub fn save(
         let Some(measured) = write(&mesh, output, (format, &placing), options, promised, rounding, progress)?
         else {
             return Ok(MeshReport {
-                extent,
+                window: window.clone(),
                 triangles: mesh.triangle_count(),
                 vertices: mesh.vertex_count(),
                 promised_m: promised,
@@ -277,13 +278,13 @@ fn tilt(writer: &Writer, placing: &Placing, corners: [[f64; 3]; 3]) -> f64 {
 /// What a mesh file says of itself.
 fn about(mesh: &Made<'_>, placing: &Placing, options: &MeshOptions, promised_m: f64) -> Value {
     let reader = mesh.reader();
-    let Extent { columns, rows } = mesh.extent();
+    let Rect { columns, rows } = mesh.window();
     let (x, y) = reader.geo().world_from_sample(placing.origin.0, placing.origin.1);
     let crs = &reader.geo().crs;
     json!({ "relevo": {
         "frame": options.frame.name(),
         "to_frame": { "matrix": placing.whole.matrix, "offset": placing.whole.offset },
-        "window": [columns.0, rows.0, columns.1 - columns.0 + 1, rows.1 - rows.0 + 1],
+        "window": [columns.start, rows.start, columns.len(), rows.len()],
         "max_error_m": promised_m,
         "solid": false,
         "origin": { "column": placing.origin.0, "row": placing.origin.1, "x": x, "y": y },

@@ -18,7 +18,7 @@ pub(super) const HAS_VOID: u8 = 2;
 /// Both.
 pub(super) const MIXED: u8 = HAS_VALID | HAS_VOID;
 
-/// The larger of what the surface is off by on a triangle at most, and the limit's verdict.
+/// What is known of how far a triangle is off.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Verdict {
     /// At most this, which is within the limit.
@@ -243,7 +243,8 @@ impl Square {
             kinds |= self.kinds[child];
         }
         let (west, east, north, south) = ((x - s) as i64, (x + s) as i64, (y - s) as i64, (y + s) as i64);
-        // The parity of the cell; that of a cell as large as the tile is set by the caller.
+        // The parity of the cell. Within the tile it is that of the whole level, unless one cell
+        // fills the tile.
         let is_falling =
             if 2 * s == self.n { self.is_falling } else { (x / (2 * s) + y / (2 * s)).is_multiple_of(2) };
         let (a, b, c, d) = if is_falling {

@@ -4,19 +4,23 @@
 //! computed without rounding. Outside the window a height is that of the nearest sample in it, so
 //! that triangles that reach over its sides have corners; they are cut there later.
 
+use std::ops::Range;
+
 use super::square::{HAS_VALID, HAS_VOID, MIXED, Square, Verdict};
 use super::triangle::Triangle;
 use super::vertex::Vertex;
 use crate::container::layout::{Header, Metric};
 use crate::container::{Reader, TileEntry};
 use crate::error::{Error, Result};
+use crate::rect::Rect;
 use crate::sample::{Coding, Lattice, VALID, VOID};
 use crate::surface::leaf_at;
 use crate::tile::TileId;
 
-/// First and last column, first and last row of a window of the lattice.
+/// A window of the lattice by its first and last column, and its first and last row: unlike a
+/// [`Rect`] it says where its sides are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Extent {
+pub(super) struct Extent {
     /// First and last column.
     pub columns: (u32, u32),
     /// First and last row.
@@ -24,9 +28,32 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// All of a file's raster.
-    pub fn of(header: &Header) -> Self {
-        Self { columns: (0, header.width - 1), rows: (0, header.height - 1) }
+    /// A window of a file's raster; `None` is all of it.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a window without area, or beyond the raster.
+    pub fn of(header: &Header, window: Option<&Rect>) -> Result<Self> {
+        let whole = Rect { columns: 0..header.width, rows: 0..header.height };
+        let Rect { columns, rows } = window.unwrap_or(&whole);
+        let fits = |range: &Range<u32>, size: u32| range.len() >= 2 && range.end <= size;
+        if fits(columns, header.width) && fits(rows, header.height) {
+            return Ok(Self { columns: (columns.start, columns.end - 1), rows: (rows.start, rows.end - 1) });
+        }
+        Err(Error::usage(format!(
+            "{} x {} samples from column {}, row {} are no area of a raster of {} x {}; a mesh needs 2 x 2",
+            columns.len(),
+            rows.len(),
+            columns.start,
+            rows.start,
+            header.width,
+            header.height
+        )))
+    }
+
+    /// The same window.
+    pub fn rect(&self) -> Rect {
+        let range = |(first, last): (u32, u32)| first..last + 1;
+        Rect { columns: range(self.columns), rows: range(self.rows) }
     }
 
     /// True if a vertex lies in it.
@@ -48,7 +75,7 @@ impl Extent {
     }
 
     /// True if it has an area in common with a triangle.
-    pub(super) fn meets(&self, triangle: &Triangle) -> bool {
+    pub fn meets(&self, triangle: &Triangle) -> bool {
         let wide = |(first, last): (u32, u32)| (i64::from(first), i64::from(last));
         triangle.overlaps(wide(self.columns), wide(self.rows))
     }

@@ -74,6 +74,9 @@ fn meshes_of_dems_and_of_parts_are_those_of_files() {
         let up = if more == ["--up", "y"] { more } else { &[] };
         let told = done(at, &[&["verify", "part.ply", "--source", "dem.tif"], up].concat());
         assert!(told.contains("300 x 211 samples from column 100"), "{told}");
+        let json = done(at, &[&["verify", "part.ply", "--source", "dem.tif", "--json"], up].concat());
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!(json["frame"], if more.contains(&"crs") { "crs" } else { "local" });
     }
     done(
         at,

@@ -6,15 +6,29 @@ use std::ops::Range;
 use std::path::Path;
 
 use proptest::prelude::*;
-use relevo::Result;
 use relevo::container::Reader;
-use relevo::geo::Geo;
-use relevo::mesh::{Extent, Nested};
+use relevo::mesh::Nested;
 use relevo::pipeline::{self, BuildOptions, Silent};
 use relevo::sample::SampleType;
 use relevo::source::{Fingerprint, Samples, Source, SourceInfo, Window};
+use relevo::{Rect, Result};
+
+use crate::support::terrain::info;
 
 type At = (i64, i64);
+
+/// A window by its first and last column, and its first and last row.
+#[derive(Clone, Copy, Debug)]
+pub struct Extent {
+    pub columns: (u32, u32),
+    pub rows: (u32, u32),
+}
+
+impl Extent {
+    pub fn rect(&self) -> Rect {
+        Rect { columns: self.columns.0..self.columns.1 + 1, rows: self.rows.0..self.rows.1 + 1 }
+    }
+}
 
 /// A raster in memory; NaN is void.
 pub struct Raster {
@@ -24,24 +38,7 @@ pub struct Raster {
 
 impl Raster {
     fn new((width, height): (u32, u32), sample_type: SampleType, heights: Vec<f64>) -> Self {
-        let info = SourceInfo {
-            width,
-            height,
-            sample_type,
-            nodata: Some(-9999.0),
-            band_scale: 1.0,
-            band_offset: 0.0,
-            vertical_unit: (1.0, String::new()),
-            geo: Geo::default(),
-            description: "random".into(),
-            parts: Vec::new(),
-            footprint: None,
-            overlap: None,
-            block_rows: 1,
-            reading: relevo::source::ReadMemory::default(),
-            warnings: Vec::new(),
-            origins: relevo::source::Origins::default(),
-        };
+        let info = SourceInfo { nodata: Some(-9999.0), block_rows: 1, ..info(width, height, sample_type) };
         Self { info, heights }
     }
 
@@ -187,7 +184,7 @@ struct Drawn {
 
 fn draw(path: &Path, extent: Extent, error: f64) -> Drawn {
     let reader = Reader::open(path).expect("open");
-    let mesh = Nested::new(&reader, extent, error, &Silent).expect("mesh");
+    let mesh = Nested::new(&reader, Some(&extent.rect()), error, &Silent).expect("mesh");
     let mut drawn = Drawn { places: Vec::new(), triangles: Vec::new() };
     mesh.each_vertex(&mut |places| {
         drawn.places.extend_from_slice(places);

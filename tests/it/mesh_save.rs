@@ -2,13 +2,13 @@
 //! `mesh::check`, after the file has been read again.
 
 use proptest::prelude::*;
+use relevo::Error;
 use relevo::container::Reader;
 use relevo::geo::{Crs, CrsKind, WGS84};
 use relevo::mesh::check::{Allowed, Options, Raster as Truth, check};
 use relevo::mesh::{Frame, MeshOptions, Method, save};
 use relevo::mesh_file;
 use relevo::pipeline::{self, BuildOptions, Silent};
-use relevo::{Error, Rect};
 use serde_json::Value;
 
 use crate::mesh_nested::terrain;
@@ -61,7 +61,7 @@ proptest! {
         let reader = Reader::open(&built).unwrap();
         let output = folder.path().join(["m.glb", "m.ply", "m.obj", "m.stl"][format]);
         let options = MeshOptions {
-            extent: Some(extent),
+            window: Some(extent.rect()),
             quantise: quantise && format == 0,
             method: free.map_or(Method::Nested, |any| Method::Free(if any { 0.0 } else { 5.0 })),
             frame: if in_crs && format != 3 && place > 0 { Frame::Crs } else { Frame::Local },
@@ -87,12 +87,8 @@ proptest! {
             prop_assert_eq!(about["max_error_m"].as_f64().unwrap(), report.promised_m);
         }
         let vertices = places(&mesh.vertices, &about);
-        let window = Rect {
-            columns: extent.columns.0..extent.columns.1 + 1,
-            rows: extent.rows.0..extent.rows.1 + 1,
-        };
         let near = if matches!(format, 0 | 3) { 1e-3 } else { 1e-6 };
-        let options = Options { window: Some(window), near, ..Options::default() };
+        let options = Options { window: Some(extent.rect()), near, ..Options::default() };
         // In coordinates of columns and rows that run south the sense is the other one.
         let truth = check(&vertices, &mesh.triangles, &Truth(&raster), &options, &Silent).unwrap();
         prop_assert!(truth.keeps(report.promised_m + 1e-9), "{:?} {truth:?}", report);

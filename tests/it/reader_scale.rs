@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use relevo::container::{Reader, ReaderOptions};
-use relevo::geo::Geo;
 use relevo::pipeline::{self, BuildOptions, Silent};
 use relevo::sample::{Lattice, SampleType, VOID};
 use relevo::source::{Fingerprint, Samples, Source, SourceInfo, Window};
 use relevo::{Result, TileId};
+
+use crate::support::terrain::info;
 
 /// Bytes in which header, root page and metadata lie.
 const OPENING: u64 = 65_536;
@@ -21,24 +22,7 @@ struct Hills(SourceInfo);
 
 impl Hills {
     fn new(side: u32, sample_type: SampleType) -> Self {
-        Self(SourceInfo {
-            width: side,
-            height: side,
-            sample_type,
-            nodata: Some(-9999.0),
-            band_scale: 1.0,
-            band_offset: 0.0,
-            vertical_unit: (1.0, String::new()),
-            geo: Geo::default(),
-            description: "hills".into(),
-            parts: Vec::new(),
-            footprint: None,
-            overlap: None,
-            block_rows: 1,
-            reading: relevo::source::ReadMemory::default(),
-            warnings: Vec::new(),
-            origins: relevo::source::Origins::default(),
-        })
+        Self(SourceInfo { nodata: Some(-9999.0), block_rows: 1, ..info(side, side, sample_type) })
     }
 }
 

@@ -16,6 +16,8 @@ use relevo::sample::SampleType;
 use relevo::source::{Fingerprint, Part, Samples, Source, SourceInfo, Window};
 use relevo::verify::{VerifyOptions, verify};
 
+use crate::support::terrain::info;
+
 const VOID: i16 = -32768;
 
 /// Hills in some rectangles, void elsewhere.
@@ -29,22 +31,11 @@ impl Patches {
     fn new(side: (u32, u32), rects: Vec<Rect>) -> Self {
         let transform = Some([500_000.0, 1.0, 0.0, 5_000_000.0, 0.0, -1.0]);
         let info = SourceInfo {
-            width: side.0,
-            height: side.1,
-            sample_type: SampleType::Int16,
             nodata: Some(VOID.into()),
-            band_scale: 1.0,
-            band_offset: 0.0,
-            vertical_unit: (1.0, String::new()),
             geo: Geo { transform, ..Geo::default() },
-            description: "patches".into(),
-            parts: Vec::new(),
-            overlap: None,
             footprint: Some(rects.clone()),
             block_rows: 1,
-            reading: relevo::source::ReadMemory::default(),
-            warnings: Vec::new(),
-            origins: relevo::source::Origins::default(),
+            ..info(side.0, side.1, SampleType::Int16)
         };
         Self { info, rects, read: AtomicU64::new(0) }
     }

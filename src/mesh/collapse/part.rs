@@ -3,8 +3,7 @@
 //! A vertex `u` is drawn onto a neighbour `v`: its two triangles at that edge go, the others get
 //! `v` in its place. That is done only if each of these is off by no more than the limit at its
 //! samples, and each new edge where it crosses edges of the terrain. Edges that stay have been
-//! looked at before. The collapse with the least result comes first; the last one's result is what
-//! the mesh is off by.
+//! looked at before. The collapse whose result is off by least comes first.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, BinaryHeap};

@@ -44,7 +44,8 @@ impl Source for Memory {
     }
 }
 
-fn info(width: u32, height: u32, sample_type: SampleType) -> SourceInfo {
+/// What a raster in memory says of itself.
+pub fn info(width: u32, height: u32, sample_type: SampleType) -> SourceInfo {
     SourceInfo {
         width,
         height,
